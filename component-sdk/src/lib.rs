@@ -1,0 +1,1 @@
+//! The one crate a component author needs.

@@ -1,0 +1,1 @@
+//! The framed protocol between the motion-board driver and the board, real or simulated.

@@ -1,0 +1,1 @@
+//! Communication objects of the navigation robot.

@@ -1,0 +1,1 @@
+//! Harness of the black-box tests: start the daemon, wait until it is ready, talk to it.

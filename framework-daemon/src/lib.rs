@@ -27,8 +27,8 @@ pub mod plugin;
 /// Data path, first half: write, check, connection, read.
 pub mod port;
 
-// Data path, second half: executor, callback; and the answer to a fault on the spot.
-//pub mod exec;
+/// Data path, second half: executor, callback; and the answer to a fault on the spot.
+pub mod exec;
 
 // Fault path, step 2: what happened is told, written down, counted.
 //pub mod fault;

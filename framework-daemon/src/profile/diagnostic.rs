@@ -11,7 +11,8 @@ use serde::{Serialize, Serializer};
 use serde_json::json;
 
 use super::plan::Location;
-use super::source::{Source, Span};
+use super::source::{Source, Span, Spot, Word};
+use super::xml::Element;
 use crate::model::limits;
 
 /// How much a diagnostic matters.
@@ -107,7 +108,9 @@ impl Diagnostic {
 const fn blank_of(c: char) -> char {
     match c {
         '\t' => '\t',
-        '\u{1100}'..='\u{115f}' | '\u{2e80}'..='\u{a4cf}' | '\u{ac00}'..='\u{d7a3}' | '\u{ff00}'..='\u{ff60}' => '\u{3000}',
+        '\u{1100}'..='\u{115f}' | '\u{2e80}'..='\u{a4cf}' | '\u{ac00}'..='\u{d7a3}' | '\u{ff00}'..='\u{ff60}' => {
+            '\u{3000}'
+        }
         _ => ' ',
     }
 }
@@ -147,6 +150,96 @@ impl Serialize for Diagnostic {
     }
 }
 
+/// Collects the findings of one file.
+#[derive(Debug)]
+pub struct Reporter {
+    source: Arc<Source>,
+    findings: Vec<Diagnostic>,
+}
+
+impl Reporter {
+    /// A reporter for `source`.
+    #[must_use]
+    pub const fn new(source: Arc<Source>) -> Self {
+        Self { source, findings: Vec::new() }
+    }
+
+    /// An error at `span`; the result takes a hint.
+    pub fn error(&mut self, span: Span, message: impl Into<String>) -> &mut Diagnostic {
+        self.report(Level::Error, span, message)
+    }
+
+    /// A warning at `span`; the result takes a hint.
+    pub fn warning(&mut self, span: Span, message: impl Into<String>) -> &mut Diagnostic {
+        self.report(Level::Warning, span, message)
+    }
+
+    /// A note at `span`; the result takes a hint.
+    pub fn note(&mut self, span: Span, message: impl Into<String>) -> &mut Diagnostic {
+        self.report(Level::Note, span, message)
+    }
+
+    /// The note for what is read and validated, but does nothing yet.
+    pub fn not_active(&mut self, span: Span, what: &str) {
+        self.note(span, format!("{what}: not active yet")).hint =
+            Some("it is read and checked, and has no effect in this version".to_owned());
+    }
+
+    /// A place to come back to.
+    #[must_use]
+    pub fn spot(&self, span: Span) -> Spot {
+        Spot { source: Arc::clone(&self.source), span }
+    }
+
+    /// The text of an element as a word.
+    #[must_use]
+    pub fn text_word(&self, element: &Element) -> Word {
+        Word { text: element.text.clone(), spot: self.spot(element.text_span) }
+    }
+
+    /// The value of an attribute as a word; empty, at the element's name, without one.
+    #[must_use]
+    pub fn value_word(&self, element: &Element, name: &str) -> Word {
+        match element.attribute(name) {
+            Some(found) => Word { text: found.value.clone(), spot: self.spot(found.value_span) },
+            None => Word { text: String::new(), spot: self.spot(element.name_span) },
+        }
+    }
+
+    /// The words of a list in an attribute, each with its own place.
+    #[must_use]
+    pub fn value_words(&self, element: &Element, name: &str) -> Vec<Word> {
+        let Some(found) = element.attribute(name) else { return Vec::new() };
+        let mut words = Vec::new();
+        let mut offset = 0;
+        for text in found.value.split_whitespace() {
+            let at = found.value.get(offset..).and_then(|rest| rest.find(text)).map_or(offset, |at| offset + at);
+            let span = Span::new(found.value_span.start as usize + at, text.len());
+            words.push(Word { text: text.to_owned(), spot: self.spot(span) });
+            offset = at + text.len();
+        }
+        words
+    }
+
+    /// File, line and column of `span`.
+    #[must_use]
+    pub fn location(&self, span: Span) -> Location {
+        self.source.location(span)
+    }
+
+    /// All findings.
+    #[must_use]
+    pub fn into_findings(self) -> Vec<Diagnostic> {
+        self.findings
+    }
+
+    fn report(&mut self, level: Level, span: Span, message: impl Into<String>) -> &mut Diagnostic {
+        self.findings.push(Diagnostic::at(level, &self.source, span, message));
+        let last = self.findings.len() - 1;
+        &mut self.findings[last]
+    }
+}
+
 /// Sorts by file (in the order given by `rank`), line and column, removes repetitions, and cuts what is beyond the limit.
 pub fn tidy(diagnostics: &mut Vec<Diagnostic>, rank: impl Fn(&Path) -> usize) {
     diagnostics.sort_by_key(|found| {
@@ -175,7 +268,8 @@ mod tests {
     fn the_caret_stands_under_the_span_even_behind_tabs_and_wide_letters() {
         let source = Source::from_text(Path::new("a.xml"), "\t가<nam>\n".to_owned());
         let found = Diagnostic::at(Level::Error, &source, Span::new(5, 3), "unknown").with_hint("did you mean <name>?");
-        let expected = "a.xml:1:4: error: unknown\n     1 | \t가<nam>\n       | \t\u{3000} ^^^\n       = did you mean <name>?";
+        let expected =
+            "a.xml:1:4: error: unknown\n     1 | \t가<nam>\n       | \t\u{3000} ^^^\n       = did you mean <name>?";
         assert_eq!(found.to_string(), expected);
     }
 

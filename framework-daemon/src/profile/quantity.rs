@@ -142,7 +142,11 @@ mod tests {
     fn sizes_and_processors() {
         assert_eq!(bytes("1MiB"), Ok(1 << 20));
         assert_eq!(bytes("64 KiB"), Ok(65_536));
-        assert!(bytes("1MB").is_err() && bytes("99999999999999999999").is_err() && bytes("18446744073709551615GiB").is_err());
+        assert!(
+            bytes("1MB").is_err()
+                && bytes("99999999999999999999").is_err()
+                && bytes("18446744073709551615GiB").is_err()
+        );
         assert_eq!(cpus("0-2,5"), Ok(vec![0, 1, 2, 5]));
         assert!(cpus("3-1").is_err() && cpus("").is_err() && cpus("0-99999999999").is_err() && cpus("a").is_err());
     }

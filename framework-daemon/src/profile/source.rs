@@ -10,6 +10,8 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use serde::{Serialize, Serializer};
+
 use encoding_rs::{DecoderResult, EUC_KR, Encoding, UTF_8, UTF_16BE, UTF_16LE};
 
 use super::diagnostic::{Diagnostic, Level};
@@ -54,6 +56,21 @@ impl Spot {
     #[must_use]
     pub fn diagnostic(&self, level: Level, message: impl Into<String>) -> Diagnostic {
         Diagnostic::at(level, &self.source, self.span, message)
+    }
+}
+
+/// A word of a profile and where it stands; serialised as the word alone.
+#[derive(Clone, Debug)]
+pub struct Word {
+    /// The word.
+    pub text: String,
+    /// Where it stands.
+    pub spot: Spot,
+}
+
+impl Serialize for Word {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(&self.text)
     }
 }
 

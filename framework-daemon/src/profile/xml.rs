@@ -140,7 +140,10 @@ impl<'a> Builder<'a> {
                     .hint = Some("remove the <!DOCTYPE ...>: profiles declare no entities".to_owned());
             }
             Event::Decl(_) if at != 0 => {
-                self.error(Span::new(at, "<?xml".len()), "the XML declaration must be the very first thing in the file");
+                self.error(
+                    Span::new(at, "<?xml".len()),
+                    "the XML declaration must be the very first thing in the file",
+                );
             }
             Event::Decl(_) | Event::PI(_) | Event::Comment(_) | Event::Empty(_) | Event::Eof => {}
         }
@@ -166,7 +169,13 @@ impl<'a> Builder<'a> {
         }
         self.check_name(name, name_span, "element");
         let attributes = self.attributes(start);
-        self.open.push(Element { name: name.to_owned(), name_span, attributes, text_span: name_span, ..Element::default() });
+        self.open.push(Element {
+            name: name.to_owned(),
+            name_span,
+            attributes,
+            text_span: name_span,
+            ..Element::default()
+        });
         true
     }
 
@@ -213,8 +222,10 @@ impl<'a> Builder<'a> {
 
     fn bad_reference(&mut self, span: Span) {
         let text = self.source.text().get(span.start as usize..span.end as usize).unwrap_or("&").to_owned();
-        self.error(span, format!("unknown reference {text}")).hint =
-            Some("only &lt; &gt; &amp; &quot; &apos; and character references like &#176; exist; write & as &amp;".to_owned());
+        self.error(span, format!("unknown reference {text}")).hint = Some(
+            "only &lt; &gt; &amp; &quot; &apos; and character references like &#176; exist; write & as &amp;"
+                .to_owned(),
+        );
     }
 
     fn attributes(&mut self, start: &BytesStart<'a>) -> Vec<Attribute> {
@@ -336,7 +347,10 @@ const fn is_allowed(c: char) -> bool {
 
 fn plain(error: &XmlError) -> String {
     let text = error.to_string();
-    text.strip_prefix("syntax error: ").or_else(|| text.strip_prefix("ill-formed document: ")).unwrap_or(&text).to_owned()
+    text.strip_prefix("syntax error: ")
+        .or_else(|| text.strip_prefix("ill-formed document: "))
+        .unwrap_or(&text)
+        .to_owned()
 }
 
 /// Trims, and makes every run of white space one blank.

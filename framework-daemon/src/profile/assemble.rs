@@ -75,15 +75,25 @@ pub struct Assembler {
     pub used: HashSet<PathBuf>,
     /// Where each slot was declared first.
     declared: HashMap<String, Spot>,
+    /// True where references are not followed.
+    alone: bool,
     application: String,
     /// Composites that are being flattened, outermost first.
     open: Vec<(usize, String)>,
 }
 
 impl Assembler {
-    /// Places the application in `document`.
+    /// One that does not follow references: for a file that is checked alone.
+    #[must_use]
+    pub fn alone() -> Self {
+        Self { alone: true, ..Self::default() }
+    }
+
+    /// Places the application in `document`, or the composite, where it is checked alone.
     pub fn application(&mut self, files: &mut Files, document: &Arc<Document>) {
-        let Some(Profile::Application(assembly)) = &document.profile else { return };
+        let (Some(Profile::Application(assembly)) | Some(Profile::Composite(assembly))) = &document.profile else {
+            return;
+        };
         self.application.clone_from(&assembly.name.text);
         self.place(files, document, assembly, "");
     }
@@ -134,6 +144,9 @@ impl Assembler {
     }
 
     fn follow(&mut self, files: &mut Files, from: &Path, reference: &Word) -> Option<(usize, Arc<Document>)> {
+        if self.alone {
+            return None;
+        }
         let path = match files::resolve(from, &self.application, reference) {
             Ok(path) => path,
             Err(finding) => {

@@ -50,6 +50,9 @@ pub mod validate;
 /// A directory to a plan.
 pub mod load;
 
+/// One file alone.
+pub mod single;
+
 /// The checked whole that everything to the right works from.
 pub mod plan;
 

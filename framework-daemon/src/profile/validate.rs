@@ -8,6 +8,7 @@ use super::application::{Assembly, Dependency, End, ReferenceModel, Voting};
 use super::assemble::{Assembler, Placed, Placement, Port, Scope, ports_of};
 use super::diagnostic::{Diagnostic, Level};
 use super::document::{Document, Profile};
+use super::files::Files;
 use super::load::system_plan;
 use super::plan::{
     ApplicationDependencyPlan, DependencyPlan, MonitorPlan, Plan, PortKind, PortRef, ReferenceModelPlan, VotingPlan,
@@ -27,18 +28,7 @@ pub fn finish(
     assembler: Assembler,
     findings: &mut Vec<Diagnostic>,
 ) -> Plan {
-    let plan = Plan {
-        root: dir.to_path_buf(),
-        system: system_plan(system),
-        applications: Vec::new(),
-        slots: Vec::new(),
-        connections: Vec::new(),
-        dependencies: Vec::new(),
-        order: Vec::new(),
-        monitors: Vec::new(),
-        reference_models: Vec::new(),
-        votings: Vec::new(),
-    };
+    let plan = empty_plan(dir, system);
     let mut validator = Validator { assembler, plan };
     validator.applications(applications);
     validator.singletons();
@@ -52,6 +42,31 @@ pub fn finish(
     plan.connections = assembler.connections;
     findings.extend(assembler.findings);
     plan
+}
+
+/// Checks the names inside an application or a composite whose references are not followed.
+#[must_use]
+pub fn names_alone(document: &Arc<Document>) -> Vec<Diagnostic> {
+    let mut assembler = Assembler::alone();
+    assembler.application(&mut Files::default(), document);
+    let mut validator = Validator { assembler, plan: empty_plan(Path::new(""), None) };
+    validator.placements();
+    validator.assembler.findings
+}
+
+fn empty_plan(dir: &Path, system: Option<&Document>) -> Plan {
+    Plan {
+        root: dir.to_path_buf(),
+        system: system_plan(system),
+        applications: Vec::new(),
+        slots: Vec::new(),
+        connections: Vec::new(),
+        dependencies: Vec::new(),
+        order: Vec::new(),
+        monitors: Vec::new(),
+        reference_models: Vec::new(),
+        votings: Vec::new(),
+    }
 }
 
 struct Validator {

@@ -58,9 +58,13 @@ pub fn resolve(from: &Path, application: &str, reference: &Word) -> Result<PathB
     if let Some(odd) = places.iter().find(|place| place.exists()) {
         return Err(Box::new(error(format!("{} is not a regular file", odd.display()))));
     }
-    let tried: Vec<String> = places.iter().map(|place| place.display().to_string()).collect();
-    let hint = near_file(from, &reference.text)
-        .map_or_else(|| format!("tried {}", tried.join(", ")), |near| format!("did you mean {near}?"));
+    let base = from.parent().unwrap_or(Path::new(""));
+    let shown = |place: &PathBuf| place.strip_prefix(base).unwrap_or(place).display().to_string();
+    let tried: Vec<String> = places.iter().map(shown).collect();
+    let hint = near_file(from, &reference.text).map_or_else(
+        || format!("tried, beside this file: {}", tried.join(", ")),
+        |near| format!("did you mean {near}?"),
+    );
     Err(Box::new(error(format!("no file {} is found", reference.text)).with_hint(hint)))
 }
 
@@ -92,6 +96,8 @@ fn near_file(from: &Path, reference: &str) -> Option<String> {
     let base = from.parent().filter(|base| !base.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let listed = std::fs::read_dir(base).ok()?.take(limits::PROFILE_FILES);
     let names: Vec<String> = listed.filter_map(|entry| entry.ok()?.file_name().into_string().ok()).collect();
-    let files = names.iter().map(String::as_str).filter(|name| name.to_ascii_lowercase().ends_with(".xml"));
-    suggest::nearest(reference, files).map(str::to_owned)
+    // Stems are compared: `.xml` alone would make any two short names alike.
+    let stems = names.iter().filter_map(|name| name.strip_suffix(".xml").or_else(|| name.strip_suffix(".XML")));
+    let near = suggest::nearest(reference.strip_suffix(".xml").unwrap_or(reference), stems)?;
+    names.iter().find(|name| name.len() == near.len() + 4 && name.starts_with(near)).cloned()
 }

@@ -56,6 +56,12 @@ pub mod single;
 /// The checked whole that everything to the right works from.
 pub mod plan;
 
+/// Old plan, new plan: what a reload has to touch.
+pub mod diff;
+
+/// The vocabulary as XML Schema.
+pub mod xsd;
+
 /// Findings: where, what, the way out.
 pub mod diagnostic;
 

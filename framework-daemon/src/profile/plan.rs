@@ -428,7 +428,7 @@ pub struct ServicePortPlan {
 }
 
 /// The pattern of a connection.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PortKind {
     /// Data port to data port.

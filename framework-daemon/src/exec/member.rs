@@ -216,8 +216,8 @@ impl Member {
         {
             self.lose(fault, crew);
         }
-        let standbys = self.standbys.drain(..).filter_map(|standby| standby.unit);
-        for unit in self.unit.take().into_iter().chain(standbys) {
+        let standbys = std::mem::take(&mut self.standbys);
+        for unit in self.unit.take().into_iter().chain(standbys.into_iter().filter_map(|standby| standby.unit)) {
             self.dispose(unit, crew);
         }
         crew.fibers.bury();

@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
 
 use component_sdk::abi::class::{Direction, PortDecl};
 
@@ -17,7 +16,7 @@ use crate::exec::trigger::{Bell, Doorbell, Signal};
 use crate::exec::unit::{Recipe, Source};
 use crate::model::fault::FaultSender;
 use crate::model::ladder::Ladder;
-use crate::model::limits::STACK_BYTES;
+use crate::model::limits::{BOOT_STEP, STACK_BYTES};
 use crate::model::names;
 use crate::model::schedule::Schedule;
 use crate::plugin::Class;
@@ -27,9 +26,6 @@ use crate::port::output::OutPort;
 use crate::profile::plan::{
     ComponentPlan, ConnectionPlan, DataPortPlan, Overflow, Plan, Preload, Property, Queue, SecondaryPlan, SlotPlan, Trigger,
 };
-
-/// How long a constructor with `initialize`, or a `start`, may take before the boot is given up.
-pub const BOOT_STEP: Duration = Duration::from_secs(10);
 
 /// Why a system could not be brought up, one text for each thing that is wrong.
 #[derive(Debug)]

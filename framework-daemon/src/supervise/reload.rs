@@ -6,15 +6,13 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
 
 use super::boot::{self, Blueprint};
 use super::system::{Placed, System};
 use super::wiring::{self, Wiring};
-use crate::model::limits::SHUTDOWN_STEP_MS;
+use crate::model::limits::SHUTDOWN_STEP as STEP;
+use crate::profile::diff::diff;
 use crate::profile::plan::{Plan, SlotPlan};
-
-const STEP: Duration = Duration::from_millis(SHUTDOWN_STEP_MS);
 
 /// What a reload did.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -52,30 +50,17 @@ pub fn reload(system: &mut System, plan: Arc<Plan>, extra: &[PathBuf]) -> Result
     }
 }
 
-/// What changes, and the plans of all slots that must be built.
+/// What changes, and the plans of all slots that must be built. A slot whose executor changed is built anew: a thread
+/// keeps its schedule for life.
 fn compare(system: &System, plan: &Plan) -> (Changes, Vec<SlotPlan>) {
-    let old = &system.plan;
-    let mut changes = Changes::default();
-    let mut fresh = Vec::new();
-    for slot in &plan.slots {
-        match old.slots.iter().find(|before| before.name == slot.name) {
-            Some(before) if same(before, old, slot, plan) => changes.kept += 1,
-            Some(_) => changes.changed.push(slot.name.clone()),
-            None => changes.added.push(slot.name.clone()),
-        }
-        if changes.changed.contains(&slot.name) || changes.added.contains(&slot.name) {
-            fresh.push(slot.clone());
-        }
-    }
-    let gone = old.slots.iter().filter(|before| plan.slots.iter().all(|slot| slot.name != before.name));
-    changes.removed = gone.map(|slot| slot.name.clone()).collect();
-    (changes, fresh)
-}
-
-/// Equal but for places in files, executor included.
-fn same(before: &SlotPlan, old: &Plan, after: &SlotPlan, new: &Plan) -> bool {
-    crate::profile::diff::same_slot(before, after)
-        && crate::profile::diff::same_executor(old, new, after.executor.as_deref())
+    let diff = diff(&system.plan, plan);
+    let moved = |slot: &&SlotPlan| slot.executor.as_ref().is_some_and(|name| diff.executors_changed.contains(name));
+    let is_new = |slot: &SlotPlan| diff.slots_added.contains(&slot.name);
+    let is_changed = |slot: &SlotPlan| !is_new(slot) && (diff.slots_changed.contains(&slot.name) || moved(&slot));
+    let fresh: Vec<SlotPlan> = plan.slots.iter().filter(|slot| is_new(slot) || is_changed(slot)).cloned().collect();
+    let changed = fresh.iter().filter(|slot| is_changed(slot)).map(|slot| slot.name.clone()).collect();
+    let kept = plan.slots.len() - fresh.len();
+    (Changes { added: diff.slots_added.clone(), removed: diff.slots_removed.clone(), changed, kept }, fresh)
 }
 
 /// Creates and initialises what is new and builds the new links. Undoes itself when it fails.

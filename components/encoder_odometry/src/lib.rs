@@ -1,0 +1,3 @@
+//! Encoder odometry: ticks in, position and speed out.
+
+pub mod odometer;

@@ -1,0 +1,3 @@
+//! Motor control: wanted motion in, wheel velocities out.
+
+pub mod wheel_control;

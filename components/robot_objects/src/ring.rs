@@ -1,0 +1,78 @@
+//! The ring of ultrasonic echoes: twelve directions, number 0 ahead, then counter-clockwise every 30 degrees.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use crate::angle;
+
+/// How many directions the ring listens in.
+pub const ECHOES: usize = 12;
+
+/// Angle between two neighbouring directions, in rad.
+pub const STEP: f64 = TAU / 12.0;
+
+/// Distances in m, by direction. A raw ring has 0 where there was no echo; a filtered one has the sensor's longest range there.
+pub type Ranges = [f32; ECHOES];
+
+/// The direction of echo `index` in rad, left positive, in `-PI..=PI`.
+#[must_use]
+pub fn bearing(index: usize) -> f64 {
+    angle::wrap(STEP * f64::from(u8::try_from(index % ECHOES).unwrap_or(0)))
+}
+
+/// The echo whose direction is nearest to `bearing` (rad).
+#[must_use]
+pub fn nearest_index(bearing: f64) -> usize {
+    (0..ECHOES)
+        .min_by(|a, b| distance_to(*a, bearing).total_cmp(&distance_to(*b, bearing)))
+        .unwrap_or(0)
+}
+
+fn distance_to(index: usize, towards: f64) -> f64 {
+    angle::wrap(bearing(index) - towards).abs()
+}
+
+/// Every echo as (bearing in rad, distance in m).
+pub fn echoes(ranges: &Ranges) -> impl Iterator<Item = (f64, f64)> + '_ {
+    ranges.iter().enumerate().map(|(index, range)| (bearing(index), f64::from(*range)))
+}
+
+/// The nearest echo within `half_angle` (rad) of `towards` (rad), in m; infinite when there is none.
+#[must_use]
+pub fn nearest_within(ranges: &Ranges, towards: f64, half_angle: f64) -> f64 {
+    echoes(ranges)
+        .filter(|(bearing, _)| angle::wrap(bearing - towards).abs() <= half_angle)
+        .map(|(_, distance)| distance)
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// How far the robot can go straight ahead before something of the ring enters the lane of `half_width` m on either side; in m, from
+/// the ring's centre; infinite when the lane is free.
+#[must_use]
+pub fn free_ahead(ranges: &Ranges, half_width: f64) -> f64 {
+    echoes(ranges)
+        .filter(|(bearing, distance)| bearing.abs() < FRAC_PI_2 - 0.01 && (distance * bearing.sin()).abs() < half_width)
+        .map(|(bearing, distance)| distance * bearing.cos())
+        .fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn echoes_count_counter_clockwise_from_ahead() {
+        assert!(bearing(0).abs() < 1e-12);
+        assert!((bearing(3) - FRAC_PI_2).abs() < 1e-12);
+        assert!((bearing(9) + FRAC_PI_2).abs() < 1e-12);
+        assert_eq!(nearest_index(-0.5), 11);
+    }
+
+    #[test]
+    fn a_side_wall_is_not_in_the_lane() {
+        let mut ranges = [3.0; ECHOES];
+        ranges[2] = 0.8;
+        assert!(free_ahead(&ranges, 0.3) >= 3.0);
+        ranges[1] = 0.5;
+        assert!((free_ahead(&ranges, 0.3) - 0.433).abs() < 1e-3);
+    }
+}

@@ -1,0 +1,3 @@
+//! Ultrasonic filter: raw ring in, ring without ghosts and dropouts out.
+
+pub mod ring_filter;

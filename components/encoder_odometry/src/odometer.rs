@@ -3,9 +3,10 @@
 //! Decision: both wheels of a side are averaged and the track is an *effective* one, wider than the real: skidding wheels turn the
 //! robot less than their speed difference says. Not chosen: modelling the slip; it needs the floor's friction, which nobody has.
 
+use board_protocol::robot;
 use robot_objects::angle;
 
-/// Encoder ticks in the order front left, front right, rear left, rear right; they wrap around at 32 bits.
+/// Encoder ticks in the order front left, rear left, front right, rear right; they wrap around at 32 bits.
 pub type Ticks = [i32; 4];
 
 /// The drive's measures.
@@ -23,7 +24,11 @@ pub struct Drive {
 
 impl Default for Drive {
     fn default() -> Self {
-        Self { wheel_radius: 0.08, track: 0.45, ticks_per_turn: 1024.0, top_speed: 5.0 }
+        Self { wheel_radius: f64::from(robot::WHEEL_RADIUS_M),
+            track: f64::from(robot::TRACK_WIDTH_M),
+            ticks_per_turn: f64::from(robot::TICKS_PER_REVOLUTION),
+            top_speed: 5.0,
+        }
     }
 }
 
@@ -82,7 +87,7 @@ impl Odometer {
 fn side_steps(before: Ticks, after: Ticks, drive: &Drive) -> [f64; 2] {
     let per_tick = std::f64::consts::TAU * drive.wheel_radius / drive.ticks_per_turn;
     let rolled = |wheel: usize| f64::from(after[wheel].wrapping_sub(before[wheel])) * per_tick;
-    [f64::midpoint(rolled(0), rolled(2)), f64::midpoint(rolled(1), rolled(3))]
+    [f64::midpoint(rolled(0), rolled(1)), f64::midpoint(rolled(2), rolled(3))]
 }
 
 #[cfg(test)]
@@ -110,7 +115,7 @@ mod tests {
             odometer.advance(ticks, f64::from(step), &drive());
             // One degree a step on a circle of 1 m: left rim at 0.75 m, right rim at 1.25 m.
             let rim = |radius: f64| ((f64::from(step + 1) * radius * PI / 180.0) * 1000.0).round() as i32;
-            ticks = [rim(0.75), rim(1.25), rim(0.75), rim(1.25)];
+            ticks = [rim(0.75), rim(0.75), rim(1.25), rim(1.25)];
         }
         assert!(odometer.x.abs() < 0.01 && odometer.y.abs() < 0.01, "{odometer:?}");
     }

@@ -6,6 +6,7 @@
 
 use std::f64::consts::TAU;
 
+use board_protocol::robot;
 use robot_objects::motion::Motion;
 
 /// The drive's measures and limits.
@@ -30,10 +31,10 @@ pub struct Drive {
 impl Default for Drive {
     fn default() -> Self {
         Self {
-            wheel_radius: 0.08,
-            track: 0.45,
-            ticks_per_turn: 1024.0,
-            max_wheel: 15.0,
+            wheel_radius: f64::from(robot::WHEEL_RADIUS_M),
+            track: f64::from(robot::TRACK_WIDTH_M),
+            ticks_per_turn: f64::from(robot::TICKS_PER_REVOLUTION),
+            max_wheel: f64::from(robot::MAX_WHEEL_RAD_S),
             max_acceleration: 1.0,
             max_turn_acceleration: 6.0,
             trim_gain: 0.5,
@@ -119,7 +120,7 @@ fn side_velocities(before: [i32; 4], after: [i32; 4], elapsed: f64, drive: &Driv
     let velocity = |wheel: usize| {
         f64::from(after[wheel].wrapping_sub(before[wheel])) * TAU / drive.ticks_per_turn / elapsed
     };
-    [f64::midpoint(velocity(0), velocity(2)), f64::midpoint(velocity(1), velocity(3))]
+    [f64::midpoint(velocity(0), velocity(1)), f64::midpoint(velocity(2), velocity(3))]
 }
 
 #[cfg(test)]
@@ -131,8 +132,8 @@ mod tests {
         let (mut control, drive) = (WheelControl::default(), Drive::default());
         let wanted = Motion { forward: 0.5, turn: 0.0 };
         let [left, right] = control.drive(wanted, 0.02, &drive);
-        assert!((left - 0.02 / 0.08).abs() < 1e-9 && (left - right).abs() < 1e-12);
-        let steps = (0..100).take_while(|_| control.drive(wanted, 0.02, &drive)[0] < 6.24).count();
+        assert!((left - 0.02 / 0.0625).abs() < 1e-9 && (left - right).abs() < 1e-12);
+        let steps = (0..100).take_while(|_| control.drive(wanted, 0.02, &drive)[0] < 7.99).count();
         assert!((20..30).contains(&steps), "{steps}");
         let braking = (0..100).take_while(|_| control.drive(Motion::STOP, 0.02, &drive)[0] > 0.01).count();
         assert!(braking < 10, "{braking}");
@@ -149,13 +150,13 @@ mod tests {
     fn a_weak_side_is_trimmed_up_but_not_without_limit() {
         let (mut control, drive) = (WheelControl::default(), Drive::default());
         let wanted = Motion { forward: 0.4, turn: 0.0 };
-        let mut ticks = 0.0;
+        let mut rolled = [0.0, 0.0];
         for step in 0..2000 {
             let [left, right] = control.drive(wanted, 0.02, &drive);
-            assert!(left <= 5.0 * 1.2 + 1e-9 && right <= 5.0 + 1e-9);
-            ticks += 5.0 * 0.02 * 1024.0 / TAU;
-            let (weak, strong) = ((ticks * 0.5) as i32, ticks as i32);
-            control.observe([weak, strong, weak, strong], f64::from(step) * 0.02, &drive);
+            assert!(left <= 6.4 * 1.2 + 1e-3 && right <= 6.4 * 1.2 + 1e-3);
+            rolled = [rolled[0] + left * 0.5 * 0.02, rolled[1] + right * 0.02];
+            let [weak, strong] = rolled.map(|angle: f64| (angle * 2000.0 / TAU) as i32);
+            control.observe([weak, weak, strong, strong], f64::from(step) * 0.02, &drive);
         }
         assert!(control.trim[0] > 0.19 && control.trim[1].abs() < 0.02, "{:?}", control.trim);
     }

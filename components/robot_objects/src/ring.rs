@@ -2,15 +2,20 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
+use board_protocol::robot;
+
 use crate::angle;
 
 /// How many directions the ring listens in.
 pub const ECHOES: usize = 12;
 
 /// Angle between two neighbouring directions, in rad.
-pub const STEP: f64 = TAU / 12.0;
+pub const STEP: f64 = TAU / ECHOES as f64;
 
-/// Distances in m, by direction. A raw ring has 0 where there was no echo; a filtered one has the sensor's longest range there.
+/// Distance of the transducers from the robot's centre, in m.
+pub const RADIUS: f64 = robot::RING_RADIUS_M as f64;
+
+/// Distances in m from each transducer's face, by direction. A raw ring has 0 where there was no echo; a filtered one has the sensor's longest range there.
 pub type Ranges = [f32; ECHOES];
 
 /// The direction of echo `index` in rad, left positive, in `-PI..=PI`.
@@ -31,12 +36,12 @@ fn distance_to(index: usize, towards: f64) -> f64 {
     angle::wrap(bearing(index) - towards).abs()
 }
 
-/// Every echo as (bearing in rad, distance in m).
+/// Every echo as (bearing in rad, distance from the robot's centre in m).
 pub fn echoes(ranges: &Ranges) -> impl Iterator<Item = (f64, f64)> + '_ {
-    ranges.iter().enumerate().map(|(index, range)| (bearing(index), f64::from(*range)))
+    ranges.iter().enumerate().map(|(index, range)| (bearing(index), f64::from(*range) + RADIUS))
 }
 
-/// The nearest echo within `half_angle` (rad) of `towards` (rad), in m; infinite when there is none.
+/// The nearest echo within `half_angle` (rad) of `towards` (rad), in m from the centre; infinite when there is none.
 #[must_use]
 pub fn nearest_within(ranges: &Ranges, towards: f64, half_angle: f64) -> f64 {
     echoes(ranges)
@@ -46,7 +51,7 @@ pub fn nearest_within(ranges: &Ranges, towards: f64, half_angle: f64) -> f64 {
 }
 
 /// How far the robot can go straight ahead before something of the ring enters the lane of `half_width` m on either side; in m, from
-/// the ring's centre; infinite when the lane is free.
+/// the robot's centre; infinite when the lane is free.
 #[must_use]
 pub fn free_ahead(ranges: &Ranges, half_width: f64) -> f64 {
     echoes(ranges)
@@ -70,9 +75,9 @@ mod tests {
     #[test]
     fn a_side_wall_is_not_in_the_lane() {
         let mut ranges = [3.0; ECHOES];
-        ranges[2] = 0.8;
+        ranges[2] = 0.6;
         assert!(free_ahead(&ranges, 0.3) >= 3.0);
-        ranges[1] = 0.5;
+        ranges[1] = 0.3;
         assert!((free_ahead(&ranges, 0.3) - 0.433).abs() < 1e-3);
     }
 }

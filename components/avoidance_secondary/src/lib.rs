@@ -1,0 +1,4 @@
+//! Obstacle avoidance by a potential field.
+
+pub mod field;
+pub mod steering;

@@ -1,1 +1,5 @@
-//! object_detector
+//! Coloured-target detector.
+
+pub mod blob;
+pub mod colour;
+pub mod detector;

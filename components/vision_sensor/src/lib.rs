@@ -1,1 +1,3 @@
-//! vision_sensor
+//! Camera over a Unix socket.
+
+pub mod frames;

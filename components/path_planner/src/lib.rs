@@ -1,1 +1,4 @@
-//! path_planner
+//! Path planner.
+
+pub mod estimate;
+pub mod planner;

@@ -54,7 +54,11 @@ impl Steering {
         }
         self.wound = if self.wall == 0.0 { course.bearing() } else { angle::unwrap(course.bearing(), self.wound) };
         let ahead = ring::free_ahead(ranges, settings.body_radius + 0.02) - settings.body_radius;
-        let wish = if self.wall == 0.0 { self.by_field(ranges, course, settings) } else { self.by_wall(ranges, course, ahead, settings) };
+        let wish = if self.wall == 0.0 {
+            self.by_field(ranges, course, settings)
+        } else {
+            self.by_wall(ranges, course, ahead, settings)
+        };
         let room = ((ahead - settings.stop_distance) * 1.2).max(0.0);
         Motion { forward: wish.forward.min(room), turn: limited(wish.turn, settings) }
     }
@@ -65,17 +69,26 @@ impl Steering {
         let heading = force.bearing();
         // Progress towards the course if the robot did as the forces say.
         let progress = force.strength().min(1.0) * angle::wrap(heading - course.bearing()).cos();
-        self.stuck = if progress < STUCK_PROGRESS { self.stuck.saturating_add(1) } else { self.stuck.saturating_sub(1) };
+        self.stuck =
+            if progress < STUCK_PROGRESS { self.stuck.saturating_add(1) } else { self.stuck.saturating_sub(1) };
         if self.stuck > PATIENCE {
             self.meet(ranges);
         }
-        Motion { forward: course.forward * heading.cos().max(0.0) * force.strength().min(1.0), turn: heading * TURN_GAIN }
+        Motion {
+            forward: course.forward * heading.cos().max(0.0) * force.strength().min(1.0),
+            turn: heading * TURN_GAIN,
+        }
     }
 
     /// Chooses which side the wall is to be on: the side with less room, seen along the course.
     fn meet(&mut self, ranges: &Ranges) {
         let room = |side: f64| -> f64 {
-            (1..=3).map(|step| ring::nearest_within(ranges, self.wound + side * degrees(30.0) * f64::from(step), degrees(16.0)).min(2.0)).sum()
+            (1..=3)
+                .map(|step| {
+                    ring::nearest_within(ranges, self.wound + side * degrees(30.0) * f64::from(step), degrees(16.0))
+                        .min(2.0)
+                })
+                .sum()
         };
         let nearer = if room(1.0) >= room(-1.0) { -1.0 } else { 1.0 };
         self.wall = if self.preferred == 0.0 { nearer } else { self.preferred };

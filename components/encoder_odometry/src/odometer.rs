@@ -22,10 +22,14 @@ pub struct Drive {
     pub top_speed: f64,
 }
 
+/// How much wider than measured the track works when all four wheels skid in turns.
+pub const SKID: f64 = 1.03;
+
 impl Default for Drive {
     fn default() -> Self {
-        Self { wheel_radius: f64::from(robot::WHEEL_RADIUS_M),
-            track: f64::from(robot::TRACK_WIDTH_M),
+        Self {
+            wheel_radius: f64::from(robot::WHEEL_RADIUS_M),
+            track: SKID * f64::from(robot::TRACK_WIDTH_M),
             ticks_per_turn: f64::from(robot::TICKS_PER_REVOLUTION),
             top_speed: 5.0,
         }

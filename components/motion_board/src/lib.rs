@@ -1,1 +1,3 @@
-//! motion_board
+//! Driver of the motion board.
+
+pub mod link;

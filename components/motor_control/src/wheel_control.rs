@@ -117,9 +117,8 @@ fn within([left, right]: [f64; 2], limit: f64) -> [f64; 2] {
 }
 
 fn side_velocities(before: [i32; 4], after: [i32; 4], elapsed: f64, drive: &Drive) -> [f64; 2] {
-    let velocity = |wheel: usize| {
-        f64::from(after[wheel].wrapping_sub(before[wheel])) * TAU / drive.ticks_per_turn / elapsed
-    };
+    let velocity =
+        |wheel: usize| f64::from(after[wheel].wrapping_sub(before[wheel])) * TAU / drive.ticks_per_turn / elapsed;
     [f64::midpoint(velocity(0), velocity(1)), f64::midpoint(velocity(2), velocity(3))]
 }
 

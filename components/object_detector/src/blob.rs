@@ -59,7 +59,13 @@ pub struct BlobFinder {
 
 impl BlobFinder {
     /// The largest patch of pixels (`width` of them a row, three bytes each, `step` bytes from row to row) that `matches` accepts.
-    pub fn largest(&mut self, data: &[u8], width: usize, step: usize, matches: impl Fn([u8; 3]) -> bool) -> Option<Blob> {
+    pub fn largest(
+        &mut self,
+        data: &[u8],
+        width: usize,
+        step: usize,
+        matches: impl Fn([u8; 3]) -> bool,
+    ) -> Option<Blob> {
         self.parent.clear();
         self.blobs.clear();
         self.above.clear();

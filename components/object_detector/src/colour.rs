@@ -23,7 +23,12 @@ impl Colour {
     #[must_use]
     pub fn matcher(&self) -> Matcher {
         let scale = |share: f64| (share.clamp(0.0, 1.0) * 255.0) as i32;
-        Matcher { hue: self.hue, tolerance: self.tolerance, saturation: scale(self.min_saturation), value: scale(self.min_value) }
+        Matcher {
+            hue: self.hue,
+            tolerance: self.tolerance,
+            saturation: scale(self.min_saturation),
+            value: scale(self.min_value),
+        }
     }
 }
 

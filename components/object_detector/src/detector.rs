@@ -12,16 +12,18 @@ pub struct Settings {
     pub width: f64,
     /// The camera.
     pub camera: Camera,
+    /// How far ahead of the robot's centre the camera sits, in m.
+    pub camera_forward: f64,
     /// Fewest pixels that count as a sighting.
     pub min_area: u32,
 }
 
-/// A sighting of the target.
+/// A sighting of the target, as from the robot's centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
     /// Direction in rad, left positive.
     pub bearing: f64,
-    /// Distance from the camera to its middle, in m, estimated from its apparent width.
+    /// Distance from the robot's centre to its middle, in m, estimated from its apparent width.
     pub distance: f64,
     /// Share of the image that it fills, 0 to 1.
     pub area: f64,
@@ -53,12 +55,11 @@ fn sighting(blob: &Blob, picture: Picture<'_>, settings: &Settings) -> Sighting 
     let half = blob.width() / 2.0;
     // The angle between the edges, not pixels times a constant: towards the image's sides pixels cover less angle.
     let seen = camera.bearing(blob.column() - half, width) - camera.bearing(blob.column() + half, width);
+    let (bearing, distance) =
+        (camera.bearing(blob.column(), width), settings.width / 2.0 / (seen / 2.0).sin().max(1e-3));
+    let (x, y) = (settings.camera_forward + distance * bearing.cos(), distance * bearing.sin());
     let pixels = f64::from(picture.width) * f64::from(picture.height);
-    Sighting {
-        bearing: camera.bearing(blob.column(), width),
-        distance: settings.width / 2.0 / (seen / 2.0).sin().max(1e-3),
-        area: f64::from(blob.area) / pixels,
-    }
+    Sighting { bearing: y.atan2(x), distance: x.hypot(y), area: f64::from(blob.area) / pixels }
 }
 
 #[cfg(test)]
@@ -73,6 +74,7 @@ mod tests {
             colour: Colour { hue: 0.0, tolerance: 20.0, min_saturation: 0.5, min_value: 0.2 },
             width: 0.3,
             camera: Camera { field_of_view: 1.2 },
+            camera_forward: 0.15,
             min_area: 12,
         }
     }
@@ -94,7 +96,7 @@ mod tests {
         // 0.3 m at 2 m seen by a camera of 117 pixels focal length is about 17.5 pixels wide.
         let seen = post(71, 89).expect("it is there");
         assert!(seen.bearing.abs() < 0.01, "{seen:?}");
-        assert!((1.8..2.2).contains(&seen.distance), "{seen:?}");
+        assert!((1.95..2.35).contains(&seen.distance), "{seen:?}");
     }
 
     #[test]

@@ -27,9 +27,7 @@ pub fn bearing(index: usize) -> f64 {
 /// The echo whose direction is nearest to `bearing` (rad).
 #[must_use]
 pub fn nearest_index(bearing: f64) -> usize {
-    (0..ECHOES)
-        .min_by(|a, b| distance_to(*a, bearing).total_cmp(&distance_to(*b, bearing)))
-        .unwrap_or(0)
+    (0..ECHOES).min_by(|a, b| distance_to(*a, bearing).total_cmp(&distance_to(*b, bearing))).unwrap_or(0)
 }
 
 fn distance_to(index: usize, towards: f64) -> f64 {

@@ -72,7 +72,10 @@ impl FrameReader {
         let (width, height) = (self.u32_at(4), self.u32_at(8));
         let sides = 1..=MAX_SIDE;
         if !self.bytes.starts_with(b"FRAM") || !sides.contains(&width) || !sides.contains(&height) {
-            return Err(io::Error::new(ErrorKind::InvalidData, "no frame header where one must be; is this the camera's socket?"));
+            return Err(io::Error::new(
+                ErrorKind::InvalidData,
+                "no frame header where one must be; is this the camera's socket?",
+            ));
         }
         Ok(HEADER + width as usize * height as usize * 3)
     }

@@ -4,6 +4,7 @@
 //! is blocked, keep the obstacle on one side and leave it only when the turns made around it have been unwound. A histogram alone
 //! takes the free direction nearest to the course and so walks to and fro in every pocket that is deeper than it can see.
 
+use board_protocol::robot::BODY_RADIUS_M;
 use robot_objects::angle::{self, degrees};
 use robot_objects::motion::Motion;
 use robot_objects::ring::{self, Ranges};
@@ -36,6 +37,12 @@ pub struct Settings {
     pub body_radius: f64,
     /// Fastest turn in rad/s.
     pub max_turn: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { clearance: 0.12, stop_distance: 0.08, body_radius: f64::from(BODY_RADIUS_M), max_turn: 1.8 }
+    }
 }
 
 /// What is remembered between two steps: plain data, so that a checkpoint can hold it.
@@ -146,7 +153,7 @@ mod tests {
     use robot_objects::ring::ECHOES;
 
     fn settings() -> Settings {
-        Settings { clearance: 0.12, stop_distance: 0.08, body_radius: 0.25, max_turn: 1.8 }
+        Settings::default()
     }
 
     fn steer(ranges: &Ranges, bearing: f64) -> Motion {

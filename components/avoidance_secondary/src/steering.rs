@@ -4,6 +4,7 @@
 //! structure nor rule of choice with the primary's histogram: an error in one is not an error in the other, which is the point of a
 //! recovery block. Not chosen: random walks out of local minima; a robot that recovers from a fault should not look drunk.
 
+use board_protocol::robot::BODY_RADIUS_M;
 use robot_objects::angle::{self, degrees};
 use robot_objects::motion::Motion;
 use robot_objects::ring::{self, Ranges};
@@ -32,6 +33,12 @@ pub struct Settings {
     pub body_radius: f64,
     /// Fastest turn in rad/s.
     pub max_turn: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { clearance: 0.2, stop_distance: 0.08, body_radius: f64::from(BODY_RADIUS_M), max_turn: 1.8 }
+    }
 }
 
 /// What is remembered between two steps: plain data, so that a checkpoint can hold it.
@@ -141,7 +148,7 @@ mod tests {
     use robot_objects::ring::ECHOES;
 
     fn settings() -> Settings {
-        Settings { clearance: 0.2, stop_distance: 0.08, body_radius: 0.25, max_turn: 1.8 }
+        Settings::default()
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! From an image to "there is the target": bearing and distance of the largest patch of its colour.
 
+use robot_objects::angle::degrees;
+
 use crate::blob::{Blob, BlobFinder};
 use crate::colour::{Camera, Colour};
 
@@ -16,6 +18,19 @@ pub struct Settings {
     pub camera_forward: f64,
     /// Fewest pixels that count as a sighting.
     pub min_area: u32,
+}
+
+impl Default for Settings {
+    /// The red post of the default world, through the camera of the default robot.
+    fn default() -> Self {
+        Self {
+            colour: Colour { hue: 0.0, tolerance: 20.0, min_saturation: 0.5, min_value: 0.2 },
+            width: 0.3,
+            camera: Camera { field_of_view: degrees(60.0) },
+            camera_forward: 0.15,
+            min_area: 8,
+        }
+    }
 }
 
 /// A sighting of the target, as from the robot's centre.
@@ -70,13 +85,7 @@ mod tests {
     const H: u32 = 120;
 
     fn settings() -> Settings {
-        Settings {
-            colour: Colour { hue: 0.0, tolerance: 20.0, min_saturation: 0.5, min_value: 0.2 },
-            width: 0.3,
-            camera: Camera { field_of_view: 1.2 },
-            camera_forward: 0.15,
-            min_area: 12,
-        }
+        Settings { camera: Camera { field_of_view: 1.2 }, ..Settings::default() }
     }
 
     /// A grey image with a red post between two columns.

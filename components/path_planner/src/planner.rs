@@ -22,6 +22,12 @@ pub struct Settings {
     pub search_turn: f64,
 }
 
+impl Default for Settings {
+    fn default() -> Self {
+        Self { goal: None, cruise: 0.5, goal_distance: 0.6, search_turn: 0.8 }
+    }
+}
+
 /// Slowest approach in m/s: slower than that the motors only hum.
 const CREEP: f64 = 0.12;
 /// How much of the remaining way is taken each second, in 1/s.
@@ -158,7 +164,7 @@ mod tests {
     use super::*;
 
     fn settings() -> Settings {
-        Settings { goal: None, cruise: 0.5, goal_distance: 0.6, search_turn: 0.8 }
+        Settings::default()
     }
 
     fn at(x: f64, y: f64, heading: f64) -> Pose {

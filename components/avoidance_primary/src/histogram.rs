@@ -9,7 +9,7 @@ use robot_objects::ring::{self, Ranges};
 pub const SECTORS: usize = 72;
 
 /// Half of what one transducer's beam covers that its neighbours do not, in rad: an echo may come from anywhere in there.
-const HALF_BEAM: f64 = 0.12;
+pub const HALF_BEAM: f64 = 0.12;
 
 /// For each direction, whether an echo nearer than the horizon stands in the way of the body.
 #[derive(Clone, Debug)]
@@ -19,12 +19,12 @@ pub struct Histogram {
 
 impl Histogram {
     /// Blocks around each echo nearer than `horizon` the directions in which a disc of radius `body` would hit it. Both in m from
-    /// the robot's centre.
+    /// the robot's centre. `blur` (rad) is how much farther off than its direction each echo may be, see [`HALF_BEAM`].
     #[must_use]
-    pub fn of(ranges: &Ranges, body: f64, horizon: f64) -> Self {
+    pub fn of(ranges: &Ranges, body: f64, blur: f64, horizon: f64) -> Self {
         let mut histogram = Self { blocked: [false; SECTORS] };
         for (bearing, distance) in ring::echoes(ranges).filter(|(_, distance)| *distance < horizon) {
-            histogram.block(bearing, shadow(body, distance) + HALF_BEAM);
+            histogram.block(bearing, shadow(body, distance) + blur);
         }
         histogram
     }
@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn an_empty_ring_blocks_nothing() {
-        let histogram = Histogram::of(&[3.0; ECHOES], 0.3, 1.0);
+        let histogram = Histogram::of(&[3.0; ECHOES], 0.3, HALF_BEAM, 1.0);
         assert!((0..SECTORS).all(|sector| histogram.is_free(direction_of(sector))));
     }
 
@@ -80,7 +80,7 @@ mod tests {
     fn an_obstacle_ahead_leaves_the_sides() {
         let mut ranges = [3.0; ECHOES];
         ranges[0] = 0.4;
-        let histogram = Histogram::of(&ranges, 0.3, 1.0);
+        let histogram = Histogram::of(&ranges, 0.3, HALF_BEAM, 1.0);
         assert!(!histogram.is_free(0.0) && !histogram.is_free(-0.4));
         assert!(histogram.is_free(1.0) && histogram.is_free(-1.0));
         let left = histogram.first_free(0.0, 1.0, 3.0);

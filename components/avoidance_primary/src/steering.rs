@@ -9,7 +9,7 @@ use robot_objects::angle::{self, degrees};
 use robot_objects::motion::Motion;
 use robot_objects::ring::{self, Ranges};
 
-use crate::histogram::Histogram;
+use crate::histogram::{HALF_BEAM, Histogram};
 
 /// Half the width of the lane that must be free ahead, beyond the body, in m.
 const LANE_MARGIN: f64 = 0.02;
@@ -23,6 +23,12 @@ const UNWOUND: f64 = degrees(75.0);
 const HUG_STEP: f64 = degrees(5.0);
 /// Farthest to the obstacle's side that the chosen direction may be.
 const SHOULDER: f64 = degrees(100.0);
+/// Largest angle between course and heading that is not yet an obstacle to be passed.
+const SMALL_DETOUR: f64 = degrees(55.0);
+/// What changing the side costs, as an angle.
+const DITHER: f64 = degrees(20.0);
+/// Share of the clearance that is insisted on where the alternative is a long way round.
+const NARROW: f64 = 0.3;
 /// A detour of more turns than this is no detour but a circle.
 const CIRCLE: f64 = degrees(500.0);
 
@@ -41,7 +47,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { clearance: 0.12, stop_distance: 0.08, body_radius: f64::from(BODY_RADIUS_M), max_turn: 1.8 }
+        Self { clearance: 0.11, stop_distance: 0.08, body_radius: f64::from(BODY_RADIUS_M), max_turn: 1.8 }
     }
 }
 
@@ -54,6 +60,8 @@ pub struct Steering {
     wound: f64,
     /// The direction last chosen along the obstacle, relative to the course: it holds still while the robot turns.
     edge: f64,
+    /// By how much the last free direction near the course was off it.
+    lean: f64,
     /// Side preferred at the next obstacle after a circle: the other one than last time.
     preferred: f64,
 }
@@ -71,44 +79,49 @@ impl Steering {
 
     /// The direction to head for, relative to the robot's own.
     fn choose(&mut self, ranges: &Ranges, course: Motion, settings: &Settings) -> f64 {
-        let body = settings.body_radius + settings.clearance;
         // Fast robots look far, a slow one may come near: how else could it ever reach a target that is itself an obstacle.
         let horizon = settings.body_radius + settings.clearance + 1.2 * course.forward;
-        let histogram = Histogram::of(ranges, body, horizon);
-        self.wound = angle::unwrap(course.bearing(), self.wound);
-        if self.passing == 0.0 {
-            self.wound = course.bearing();
-            self.meet(&histogram);
-        } else if self.is_past(&histogram) {
-            self.passing = 0.0;
+        let comfortable = Histogram::of(ranges, settings.body_radius + settings.clearance, HALF_BEAM, horizon);
+        let narrow = Histogram::of(ranges, settings.body_radius + settings.clearance * NARROW, 0.0, horizon);
+        self.wound = if self.passing == 0.0 { course.bearing() } else { angle::unwrap(course.bearing(), self.wound) };
+        if self.is_unwound() {
+            if let Some(lean) = self.near_course(&comfortable).or_else(|| self.near_course(&narrow)) {
+                (self.passing, self.lean) = (0.0, lean);
+                return self.wound + lean;
+            }
         }
-        let chosen = if self.passing == 0.0 { Some(self.wound) } else { self.along(&histogram) };
+        if self.passing == 0.0 {
+            self.meet(&comfortable);
+        }
         // No direction is free: turn on the spot towards the wider side until one is.
-        chosen.map_or_else(|| widest(ranges), angle::wrap)
+        self.along(&comfortable).map_or_else(|| widest(ranges), angle::wrap)
     }
 
-    /// Decides on a side when the course is blocked.
-    fn meet(&mut self, histogram: &Histogram) {
-        if histogram.is_free(self.wound) {
-            return;
+    /// Whether the turns made around an obstacle are undone. After a full circle they count as undone too, and the next try goes
+    /// the other way round.
+    fn is_unwound(&mut self) -> bool {
+        if self.wound.abs() > CIRCLE {
+            (self.preferred, self.passing) = (-self.passing, 0.0);
+            self.wound = angle::wrap(self.wound);
         }
-        let detour = |sign: f64| {
-            histogram.first_free(self.wound, sign, degrees(180.0)).map_or(9.0, |to| (to - self.wound).abs())
-        };
+        // Passing on the left turns the course to the right, which is negative: unwound means not far on that side.
+        -self.wound * self.passing < UNWOUND
+    }
+
+    /// The free direction nearest to the course, as the angle to it; the side leant to last time is favoured, against dithering.
+    fn near_course(&self, histogram: &Histogram) -> Option<f64> {
+        let lean = |sign: f64| histogram.first_free(self.wound, sign, SMALL_DETOUR).map(|to| to - self.wound);
+        let cost = |lean: &f64| lean.abs() + if lean * self.lean < 0.0 { DITHER } else { 0.0 };
+        [lean(1.0), lean(-1.0)].into_iter().flatten().min_by(|a, b| cost(a).total_cmp(&cost(b)))
+    }
+
+    /// Decides on a side when no direction near the course is free.
+    fn meet(&mut self, histogram: &Histogram) {
+        let detour =
+            |sign: f64| histogram.first_free(self.wound, sign, degrees(180.0)).map_or(9.0, |to| (to - self.wound).abs());
         let nearer = if detour(1.0) <= detour(-1.0) { 1.0 } else { -1.0 };
         self.passing = if self.preferred == 0.0 { nearer } else { self.preferred };
         (self.preferred, self.edge) = (0.0, 0.0);
-    }
-
-    /// Whether the obstacle is passed. After a full circle it counts as passed too, and the next try goes the other way round.
-    fn is_past(&mut self, histogram: &Histogram) -> bool {
-        if self.wound.abs() > CIRCLE {
-            self.preferred = -self.passing;
-            return true;
-        }
-        // Passing on the left turns the course to the right, which is negative: unwound means not far on that side.
-        let detour = -self.wound * self.passing;
-        detour < UNWOUND && histogram.is_free(self.wound)
     }
 
     /// The direction along the obstacle's edge: from the last one away from the obstacle until free, or back towards it while free.

@@ -43,6 +43,10 @@ pub struct Scenario {
     pub avoider: fn(f64) -> Avoider,
     /// Whether commands reach the board at a time (s).
     pub commands_pass: fn(f64) -> bool,
+    /// How careful the primary is.
+    pub primary: primary::Settings,
+    /// How careful the secondary is.
+    pub secondary: secondary::Settings,
     /// What the planner is told.
     pub planner: PlannerSettings,
     /// Longest run in s.
@@ -58,7 +62,9 @@ impl Scenario {
             seed,
             avoider: |_| Avoider::Primary,
             commands_pass: |_| true,
-            planner: PlannerSettings::default(),
+            primary: primary::Settings::default(),
+            secondary: secondary::Settings::default(),
+            planner: PlannerSettings { goal: Some((8.4, 0.0)), ..PlannerSettings::default() },
             patience: 90.0,
         }
     }
@@ -142,7 +148,7 @@ impl Robot {
             self.course = self.planner.course(&self.pose(), now, &scenario.planner);
         }
         if number % 2 == 0 {
-            self.avoid((scenario.avoider)(now));
+            self.avoid((scenario.avoider)(now), scenario);
             let [left, right] = self.wheels.drive(self.command, 0.02, &Drive::default());
             if (scenario.commands_pass)(now) {
                 let speeds = WheelVelocities { left_rad_s: left as f32, right_rad_s: right as f32 };
@@ -178,15 +184,15 @@ impl Robot {
     }
 
     /// A replacement starts from scratch, as it does in the daemon.
-    fn avoid(&mut self, avoider: Avoider) {
+    fn avoid(&mut self, avoider: Avoider, scenario: &Scenario) {
         if avoider != self.steered_by {
             self.steered_by = avoider;
             (self.primary, self.secondary) = Default::default();
         }
         let Some(ranges) = &self.ranges else { return };
         self.command = match avoider {
-            Avoider::Primary => self.primary.steer(ranges, self.course, &primary::Settings::default()),
-            Avoider::Secondary => self.secondary.steer(ranges, self.course, &secondary::Settings::default()),
+            Avoider::Primary => self.primary.steer(ranges, self.course, &scenario.primary),
+            Avoider::Secondary => self.secondary.steer(ranges, self.course, &scenario.secondary),
         };
     }
 

@@ -117,8 +117,9 @@ impl Steering {
 
     /// Decides on a side when no direction near the course is free.
     fn meet(&mut self, histogram: &Histogram) {
-        let detour =
-            |sign: f64| histogram.first_free(self.wound, sign, degrees(180.0)).map_or(9.0, |to| (to - self.wound).abs());
+        let detour = |sign: f64| {
+            histogram.first_free(self.wound, sign, degrees(180.0)).map_or(9.0, |to| (to - self.wound).abs())
+        };
         let nearer = if detour(1.0) <= detour(-1.0) { 1.0 } else { -1.0 };
         self.passing = if self.preferred == 0.0 { nearer } else { self.preferred };
         (self.preferred, self.edge) = (0.0, 0.0);

@@ -1,5 +1,8 @@
 //! The field of forces: the course attracts, every echo repels.
 
+use std::f64::consts::FRAC_PI_2;
+
+use robot_objects::angle;
 use robot_objects::ring::{self, Ranges};
 
 /// A force in the robot's own axes.
@@ -38,11 +41,17 @@ impl Force {
 }
 
 /// What all echoes together push: nothing beyond `reach`, as much as the course pulls at about half of it. `body` is the radius of
-/// the robot; both in m from its centre.
+/// the robot; both in m from its centre. What stands in the way of `course` (rad) pushes to the side that is nearer to it, too: a
+/// force straight back would only stop the robot.
 #[must_use]
-pub fn repulsion(ranges: &Ranges, body: f64, reach: f64) -> Force {
+pub fn repulsion(ranges: &Ranges, body: f64, reach: f64, course: f64, side: f64) -> Force {
     ring::echoes(ranges)
-        .map(|(bearing, distance)| Force::towards(bearing, -push(distance - body, reach - body)))
+        .map(|(bearing, distance)| {
+            let strength = push(distance - body, reach - body);
+            let in_the_way = angle::wrap(bearing - course).cos().max(0.0);
+            let aside = Force::towards(bearing + side * FRAC_PI_2, strength * in_the_way);
+            Force::towards(bearing, -strength).plus(aside)
+        })
         .fold(Force::default(), Force::plus)
 }
 
@@ -62,14 +71,14 @@ mod tests {
 
     #[test]
     fn an_even_ring_pushes_nowhere() {
-        assert!(repulsion(&[0.3; ECHOES], 0.25, 1.0).strength() < 1e-9);
+        assert!(repulsion(&[0.3; ECHOES], 0.25, 1.0, 0.0, 0.0).strength() < 1e-9);
     }
 
     #[test]
     fn a_wall_on_the_left_pushes_to_the_right() {
         let mut ranges = [3.0; ECHOES];
         ranges[3] = 0.3;
-        let force = repulsion(&ranges, 0.25, 1.0);
+        let force = repulsion(&ranges, 0.25, 1.0, 0.0, 1.0);
         assert!(force.y < -0.3 && force.x.abs() < 1e-9);
     }
 

@@ -49,6 +49,8 @@ pub struct Steering {
     /// The course's bearing, counted through full turns since the wall was met.
     wound: f64,
     stuck: u8,
+    /// Side to which obstacles in the way push: 1 left, -1 right.
+    swirl: f64,
     preferred: f64,
 }
 
@@ -72,7 +74,9 @@ impl Steering {
 
     fn by_field(&mut self, ranges: &Ranges, course: Motion, settings: &Settings) -> Motion {
         let reach = settings.body_radius + settings.clearance + 0.8 * course.forward;
-        let force = Force::towards(course.bearing(), 1.0).plus(repulsion(ranges, settings.body_radius, reach));
+        self.swirl = swirl(ranges, course.bearing(), reach, self.swirl);
+        let repulsion = repulsion(ranges, settings.body_radius, reach, course.bearing(), self.swirl);
+        let force = Force::towards(course.bearing(), 1.0).plus(repulsion);
         let heading = force.bearing();
         // Progress towards the course if the robot did as the forces say.
         let progress = force.strength().min(1.0) * angle::wrap(heading - course.bearing()).cos();
@@ -121,8 +125,26 @@ impl Steering {
             self.preferred = -self.wall;
             return true;
         }
-        let free = ring::nearest_within(ranges, course.bearing(), degrees(35.0)) - settings.body_radius;
+        let free = ring::free_along(ranges, course.bearing(), settings.body_radius + 0.05) - settings.body_radius;
         self.wound * self.wall < UNWOUND && free > settings.clearance + 0.9 * course.forward
+    }
+}
+
+/// To which side what is in the way pushes: away from where the echoes near the course are nearer. Kept while they are about even.
+fn swirl(ranges: &Ranges, course: f64, reach: f64, last: f64) -> f64 {
+    let nearness = |side: f64| -> f64 {
+        ring::echoes(ranges)
+            .filter(|(bearing, _)| (0.0..degrees(80.0)).contains(&(side * angle::wrap(bearing - course))))
+            .map(|(_, distance)| (reach - distance).max(0.0))
+            .sum()
+    };
+    let (left, right) = (nearness(1.0), nearness(-1.0));
+    if (left - right).abs() < 0.1 && last != 0.0 {
+        last
+    } else if left > right {
+        -1.0
+    } else {
+        1.0
     }
 }
 

@@ -12,7 +12,10 @@ fn main() {
         _ => |_| Avoider::Primary,
     };
     let report = run(&scenario);
-    println!("reached {} after {:.1} s, collisions {}, closest {:.2} m", report.reached, report.seconds, report.collisions, report.closest);
+    println!(
+        "reached {} after {:.1} s, collisions {}, closest {:.2} m",
+        report.reached, report.seconds, report.collisions, report.closest
+    );
     for (x, y) in report.path {
         println!("{x:.2} {y:.2}");
     }

@@ -48,14 +48,21 @@ pub fn nearest_within(ranges: &Ranges, towards: f64, half_angle: f64) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// How far the robot can go straight ahead before something of the ring enters the lane of `half_width` m on either side; in m, from
-/// the robot's centre; infinite when the lane is free.
+/// How far the robot can go in the direction `towards` (rad) before something of the ring enters the lane of `half_width` m on either
+/// side; in m, from the robot's centre; infinite when the lane is free.
+#[must_use]
+pub fn free_along(ranges: &Ranges, towards: f64, half_width: f64) -> f64 {
+    echoes(ranges)
+        .map(|(bearing, distance)| (angle::wrap(bearing - towards), distance))
+        .filter(|(off, distance)| off.abs() < FRAC_PI_2 - 0.01 && (distance * off.sin()).abs() < half_width)
+        .map(|(off, distance)| distance * off.cos())
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// [`free_along`] the robot's own direction.
 #[must_use]
 pub fn free_ahead(ranges: &Ranges, half_width: f64) -> f64 {
-    echoes(ranges)
-        .filter(|(bearing, distance)| bearing.abs() < FRAC_PI_2 - 0.01 && (distance * bearing.sin()).abs() < half_width)
-        .map(|(bearing, distance)| distance * bearing.cos())
-        .fold(f64::INFINITY, f64::min)
+    free_along(ranges, 0.0, half_width)
 }
 
 #[cfg(test)]

@@ -18,7 +18,9 @@ const STUCK_PROGRESS: f64 = 0.25;
 /// Steps in a local minimum before the wall is followed.
 const PATIENCE: u8 = 12;
 /// Detour in rad below which a wall may be left.
-const UNWOUND: f64 = degrees(70.0);
+const UNWOUND: f64 = degrees(60.0);
+/// Echoes on both sides that differ by less than this (m of nearness) do not change the side of the push.
+const EVEN: f64 = 0.1;
 /// A detour of more turns than this is a circle.
 const CIRCLE: f64 = degrees(500.0);
 
@@ -37,7 +39,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { clearance: 0.19, stop_distance: 0.08, body_radius: f64::from(BODY_RADIUS_M), max_turn: 1.8 }
+        Self { clearance: 0.15, stop_distance: 0.08, body_radius: f64::from(BODY_RADIUS_M), max_turn: 1.8 }
     }
 }
 
@@ -108,7 +110,9 @@ impl Steering {
 
     fn by_wall(&mut self, ranges: &Ranges, course: Motion, ahead: f64, settings: &Settings) -> Motion {
         if self.is_past(ranges, course, settings) {
-            self.wall = 0.0;
+            // What is left of the obstacle is to stay on the side where it was.
+            (self.wall, self.swirl) = (0.0, -self.wall);
+            return self.by_field(ranges, course, settings);
         }
         let wanted = settings.body_radius + settings.clearance;
         let gap = wall_distance(ranges, self.wall);
@@ -126,7 +130,7 @@ impl Steering {
             return true;
         }
         let free = ring::free_along(ranges, course.bearing(), settings.body_radius + 0.05) - settings.body_radius;
-        self.wound * self.wall < UNWOUND && free > settings.clearance + 0.9 * course.forward
+        self.wound * self.wall < UNWOUND && free > settings.clearance + 1.2 * course.forward
     }
 }
 
@@ -139,7 +143,7 @@ fn swirl(ranges: &Ranges, course: f64, reach: f64, last: f64) -> f64 {
             .sum()
     };
     let (left, right) = (nearness(1.0), nearness(-1.0));
-    if (left - right).abs() < 0.1 && last != 0.0 {
+    if (left - right).abs() < EVEN && last != 0.0 {
         last
     } else if left > right {
         -1.0

@@ -190,6 +190,47 @@ unsafe fn build_elements(element: Option<&TypeDescriptor>, count: usize, bytes: 
     }
 }
 
+/// Drops the object at `object`: frees what its texts and sequences hold.
+///
+/// # Safety
+/// `object` points to a valid object of that description, which nobody uses afterwards.
+pub unsafe fn drop_raw(descriptor: &TypeDescriptor, object: *mut u8) {
+    match descriptor.kind {
+        Kind::Struct => {
+            for field in descriptor.fields.iter() {
+                // SAFETY: the description says that this field lies there.
+                unsafe { drop_raw(field.object, object.add(field.offset)) };
+            }
+        }
+        Kind::Array => {
+            // SAFETY: an array is `count` elements in place.
+            unsafe { drop_elements(descriptor.element(), object, descriptor.count) };
+        }
+        Kind::Sequence | Kind::Text => {
+            let element = descriptor.element().unwrap_or(u8::DESCRIPTOR);
+            // SAFETY: all sequences and texts have this layout; the object is read once and not used again.
+            let sequence = unsafe { object.cast::<RawSequence>().read() };
+            // SAFETY: `len` elements lie at `start`.
+            unsafe { drop_elements(Some(element), sequence.start, sequence.len) };
+            let size = sequence.capacity * element.size;
+            if size != 0 {
+                (sequence.free)(sequence.start, size, element.align);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// # Safety
+/// As `drop_raw`, for `count` elements at `start`.
+unsafe fn drop_elements(element: Option<&TypeDescriptor>, start: *mut u8, count: usize) {
+    let Some(element) = element.filter(|element| !element.kind.is_number()) else { return };
+    for index in 0..count {
+        // SAFETY: by contract.
+        unsafe { drop_raw(element, start.add(index * element.size)) };
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;

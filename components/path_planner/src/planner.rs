@@ -51,6 +51,18 @@ pub enum Progress {
     Arrived,
 }
 
+impl Progress {
+    /// In words, for the log.
+    #[must_use]
+    pub const fn describe(self) -> &'static str {
+        match self {
+            Self::Searching => "searching for the target",
+            Self::Approaching => "on the way to the target",
+            Self::Arrived => "target reached",
+        }
+    }
+}
+
 /// The planner: plain data, so that a checkpoint can hold it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Planner {

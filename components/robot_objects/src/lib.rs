@@ -6,4 +6,9 @@
 
 pub mod angle;
 pub mod motion;
+pub mod objects;
+pub mod retry;
 pub mod ring;
+
+pub use motion::Motion;
+pub use objects::{Detection, EncoderCounts, UltrasonicRing, WheelCommand};

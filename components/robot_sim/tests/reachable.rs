@@ -12,21 +12,31 @@ fn drive(speed: f64, turn: f64) -> Command {
     Command::WheelVelocities(WheelVelocities { left_rad_s: side(-1.0), right_rad_s: side(1.0) })
 }
 
-/// Potential field on the ring alone, with the true bearing of the target: the least an avoider can do.
-fn avoid(ring: [u16; RING], bearing: f64) -> Command {
-    let (mut x, mut y) = (bearing.cos(), bearing.sin());
-    let mut ahead: f64 = 3.0;
-    for (index, range) in ring.iter().filter(|mm| **mm > 0).map(|mm| f64::from(*mm) / 1000.0).enumerate() {
-        let angle = wrap(index as f64 * f64::from(RING_STEP_RAD));
-        let push = (0.8 - range).max(0.0) * 2.2;
-        x -= push * angle.cos();
-        y -= push * angle.sin();
-        if angle.abs() < 0.8 {
-            ahead = ahead.min(range);
-        }
-    }
-    let wanted = y.atan2(x);
-    drive(0.45 * (ahead / 0.6).min(1.0) * (1.0 - wanted.abs() / 2.0).max(0.1), (2.0 * wanted).clamp(-1.5, 1.5))
+/// Echoes as places around the robot's centre, x ahead, y left, in metres.
+fn echoes(ring: [u16; RING]) -> Vec<(f64, f64)> {
+    let heard = ring.iter().enumerate().filter(|(_, mm)| **mm > 0);
+    let place = |(index, mm): (usize, &u16)| {
+        let (angle, range) = (index as f64 * f64::from(RING_STEP_RAD), f64::from(*mm) / 1000.0 + 0.2);
+        (range * angle.cos(), range * angle.sin())
+    };
+    heard.map(place).collect()
+}
+
+/// Drives into the free corridor nearest to the target's bearing: the least an avoider can do.
+fn avoid(ring: [u16; RING], bearing: f64, last: &mut f64) -> Command {
+    let echoes = echoes(ring);
+    let free = |heading: f64| {
+        echoes.iter().all(|(x, y)| {
+            let along = x * heading.cos() + y * heading.sin();
+            let aside = (y * heading.cos() - x * heading.sin()).abs();
+            !(0.0..=1.1).contains(&along) || aside > 0.45
+        })
+    };
+    let cost = |heading: &f64| (heading - bearing).abs() + 0.4 * (heading - *last).abs();
+    let headings = (-36..=36).map(|step| f64::from(step) * 0.07).filter(|heading| free(*heading));
+    let heading = headings.min_by(|a, b| cost(a).total_cmp(&cost(b)));
+    *last = heading.unwrap_or(*last);
+    heading.map_or(drive(0.0, 0.8), |heading| drive(0.45 * (1.0 - heading.abs()).max(0.1), 1.8 * heading))
 }
 
 fn run(seed: u64, mut steer: impl FnMut([u16; RING], f64) -> Command) -> Simulation {
@@ -54,7 +64,8 @@ fn straight_at_the_target_collides() {
 #[test]
 fn reactive_avoidance_arrives_in_time_without_a_collision() {
     for seed in 0..5 {
-        let robot = run(seed, avoid);
+        let mut last = 0.0;
+        let robot = run(seed, |ring, bearing| avoid(ring, bearing, &mut last));
         let truth = robot.truth();
         println!("seed {seed}: {:.1} s, {} collisions, {:?}", truth.time.as_secs_f64(), truth.collisions, truth.pose);
         assert!(robot.reached(), "seed {seed}: {truth:?}");

@@ -23,6 +23,7 @@
 
 pub mod board;
 pub mod camera;
+pub mod demo;
 pub mod geometry;
 pub mod motor;
 pub mod noise;

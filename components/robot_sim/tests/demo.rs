@@ -22,7 +22,7 @@ use robot_sim::serve::mono_ns;
 const ARGUMENTS: &str = "PLAYED_DAEMON_ARGUMENTS";
 
 /// A short drive: from behind the last obstacles to the target.
-const START: &str = r#""start": { "x": 6.6, "y": 3.6, "theta": 0 }"#;
+const START: &str = r#""start": { "x": 8.0, "y": 3.4, "theta": -30 }"#;
 
 struct Bench {
     directory: tempfile::TempDir,

@@ -2,7 +2,7 @@
 //!
 //! world file → [`World`] → [`scene`] → [`motor`]s and [`robot`] → [`board`] → [`sonar`], [`camera`] → [`Simulation`]
 //!
-//! The `robot-sim` program plays the same [`Simulation`] in real time on a pseudo-terminal; `robot-demo` runs it
+//! The `robot-sim` program plays the same [`Simulation`] in real time on a pseudo-terminal ([`serve`]); `robot-demo` runs it
 //! against the daemon. To tune an algorithm none of that is needed:
 //!
 //! ```
@@ -23,11 +23,13 @@
 
 pub mod board;
 pub mod camera;
+pub mod demo;
 pub mod geometry;
 pub mod motor;
 pub mod noise;
 pub mod robot;
 pub mod scene;
+pub mod serve;
 pub mod simulation;
 pub mod sonar;
 pub mod world;

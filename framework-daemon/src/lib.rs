@@ -2,7 +2,7 @@
 //!
 //! A module may use only modules to its left (`tests/tests/tidy.rs` keeps it so):
 //!
-//! `model -> sys -> detect -> profile -> plugin -> port -> exec -> runtime -> fault -> supervise -> daemon -> cli -> main`
+//! `model -> sys -> detect -> profile -> plugin -> port -> exec -> fault -> supervise -> daemon -> cli -> main`
 //!
 //! - **Data path**: `port::border (a component writes) -> port::check -> port::output -> port::input -> exec::executor ->
 //!   exec::callback`
@@ -27,17 +27,17 @@ pub mod plugin;
 /// Data path, first half: write, check, connection, read.
 pub mod port;
 
-// Data path, second half: executor, callback; and the answer to a fault on the spot.
-//pub mod exec;
+/// Data path, second half: executor, callback; and the answer to a fault on the spot.
+pub mod exec;
 
-// Fault path, step 2: what happened is told, written down, counted.
-//pub mod fault;
+/// Fault path, step 2: what happened is told, written down, counted.
+pub mod fault;
 
-// Whole-system operations: boot, reload, shutdown.
-//pub mod supervise;
+/// Whole-system operations: boot, reload, shutdown.
+pub mod supervise;
 
-// The main loop of `run`.
-//pub mod daemon;
+/// The main loop of `run`.
+pub mod daemon;
 
 /// One file per verb of the command line.
 pub mod cli;

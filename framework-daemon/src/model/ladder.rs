@@ -3,6 +3,7 @@
 //! The ladder: ignore, or reset within the restart intensity, then replace by the next secondary, then stop. Pure: no
 //! clock, lock, log or thread; the executor that saw the fault walks it on the spot.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use serde::Serialize;
@@ -32,23 +33,23 @@ pub struct Ladder {
     within_ns: u64,
     secondaries: usize,
     used: usize,
-    resets: [u64; RESETS_MAX],
-    count: usize,
+    // Room for all that the intensity allows is made at load.
+    resets: VecDeque<u64>,
 }
 
 impl Ladder {
     /// Rules with `limit` resets within `within` (none without an intensity) and that many secondaries.
     #[must_use]
     pub fn new(severity: SeverityTable, intensity: Option<(u32, Duration)>, secondaries: usize) -> Self {
-        let (limit, within) = intensity.unwrap_or((u32::MAX, Duration::ZERO));
+        let (limit, within) = intensity.unwrap_or((RESETS_MAX, Duration::ZERO));
+        let limit = limit.min(RESETS_MAX) as usize;
         Self {
             severity,
-            limit: (limit as usize).min(RESETS_MAX),
+            limit,
             within_ns: u64::try_from(within.as_nanos()).unwrap_or(u64::MAX),
             secondaries,
             used: 0,
-            resets: [0; RESETS_MAX],
-            count: 0,
+            resets: VecDeque::with_capacity(limit),
         }
     }
 
@@ -72,7 +73,7 @@ impl Ladder {
         if self.used < self.secondaries {
             self.used += 1;
             // The successor starts with a clean record.
-            self.count = 0;
+            self.resets.clear();
             return Answer::Replace;
         }
         Answer::Stop
@@ -86,18 +87,17 @@ impl Ladder {
 
     fn reset_or_further(&mut self, now_ns: u64) -> Answer {
         self.forget_before(now_ns.saturating_sub(self.within_ns));
-        if self.count >= self.limit {
+        if self.resets.len() >= self.limit {
             return self.further();
         }
-        self.resets[self.count] = now_ns;
-        self.count += 1;
+        self.resets.push_back(now_ns);
         Answer::Reset
     }
 
     fn forget_before(&mut self, horizon_ns: u64) {
-        let old = self.resets[..self.count].iter().take_while(|at| **at < horizon_ns).count();
-        self.resets.copy_within(old..self.count, 0);
-        self.count -= old;
+        while self.resets.front().is_some_and(|at| *at < horizon_ns) {
+            self.resets.pop_front();
+        }
     }
 }
 

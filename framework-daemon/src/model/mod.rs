@@ -9,7 +9,7 @@ pub mod ladder;
 /// Component states and events, every cell written out.
 pub mod lifecycle;
 
-/// Every bound, in one place.
+/// Every bound, with the relations between them.
 pub mod limits;
 
 /// Interned names.

@@ -10,7 +10,7 @@ use crossbeam_queue::ArrayQueue;
 
 use super::block::Sample;
 use super::check::Checks;
-use crate::model::limits::FIFO_VALUES_MAX;
+use crate::model::limits::FIFO_SIZE_MAX;
 use crate::profile::plan::{Overflow, Queue};
 
 /// Told when data arrives: wakes a nonperiodic slot.
@@ -42,7 +42,7 @@ impl InPort {
     pub fn new(name: &str, object: &'static TypeDescriptor, policy: Queue, checks: Checks) -> Self {
         let capacity = match policy {
             Queue::Last => 1,
-            Queue::Fifo { size, .. } => size.clamp(1, FIFO_VALUES_MAX),
+            Queue::Fifo { size, .. } => size.clamp(1, FIFO_SIZE_MAX),
         };
         Self {
             name: name.to_owned(),

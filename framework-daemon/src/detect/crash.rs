@@ -40,7 +40,8 @@ mod tests {
             stack_overflow,
             at_ns: 0,
         };
-        let seen = [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT].map(|s| of_trap(&trap(s, false)));
+        let seen =
+            [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT].map(|s| of_trap(&trap(s, false)));
         use Symptom::{CrashAbort, CrashBus, CrashFpe, CrashIll, CrashSegv, CrashStack};
         assert_eq!(seen, [CrashSegv, CrashBus, CrashFpe, CrashIll, CrashAbort]);
         assert_eq!(of_trap(&trap(libc::SIGSEGV, true)), CrashStack);

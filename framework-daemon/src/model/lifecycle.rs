@@ -47,8 +47,7 @@ pub enum Event {
 
 impl State {
     /// Every state, in table order.
-    pub const ALL: [Self; 6] =
-        [Self::Created, Self::Ready, Self::Active, Self::Inactive, Self::Error, Self::Destroyed];
+    pub const ALL: [Self; 6] = [Self::Created, Self::Ready, Self::Active, Self::Inactive, Self::Error, Self::Destroyed];
 
     /// The state after `event`; `None`: refused.
     #[must_use]

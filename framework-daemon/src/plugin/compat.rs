@@ -49,9 +49,11 @@ pub fn check_fixed(view: &HeaderView) -> Result<(), String> {
 /// In words.
 pub fn check_rest(view: &HeaderView) -> Result<(), String> {
     if view.panic_strategy == PANIC_ABORT {
-        return Err("it is built with panic = \"abort\", so that a panic would end the daemon; the daemon needs panic = \
+        return Err(
+            "it is built with panic = \"abort\", so that a panic would end the daemon; the daemon needs panic = \
                     \"unwind\": remove `panic = \"abort\"` from the plugin's Cargo profile and build again"
-            .into());
+                .into(),
+        );
     }
     same("size of the host table", size_of::<HostApi>() as u32, view.host_size)?;
     same("size of a class", size_of::<ComponentClass>() as u32, view.class_size)?;
@@ -64,7 +66,9 @@ fn same<T: PartialEq + std::fmt::Display>(what: &str, daemon: T, plugin: T) -> R
         return Ok(());
     }
     let version = env!("CARGO_PKG_VERSION");
-    Err(format!("{what}: the daemon has {daemon}, the plugin {plugin}: build the plugin against component-sdk {version}"))
+    Err(format!(
+        "{what}: the daemon has {daemon}, the plugin {plugin}: build the plugin against component-sdk {version}"
+    ))
 }
 
 #[cfg(test)]

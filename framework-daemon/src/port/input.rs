@@ -121,7 +121,9 @@ impl InPort {
             (None, ReadMode::Newest) => {}
             (Some(_), _) => *current = next,
         }
-        current.as_ref().map_or(ReadResult::NONE, |sample| ReadResult { value: sample.value(), stamp_ns: sample.stamp_ns() })
+        current
+            .as_ref()
+            .map_or(ReadResult::NONE, |sample| ReadResult { value: sample.value(), stamp_ns: sample.stamp_ns() })
     }
 }
 

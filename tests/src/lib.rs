@@ -2,3 +2,9 @@
 
 /// Where the daemon's binary is.
 pub mod daemon_binary;
+
+/// A profile directory of the basic test components.
+pub mod profiles;
+
+/// A daemon that runs.
+pub mod running;

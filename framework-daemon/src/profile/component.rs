@@ -24,6 +24,9 @@ pub struct ComponentProfile {
     pub plan: Arc<ComponentPlan>,
     /// What was written, where the plan says it in other words.
     pub declared: Declared,
+    /// True where a port was dropped because of an error in it.
+    #[serde(skip)]
+    pub incomplete: bool,
     /// Why it cannot run by itself: it is periodic and states no period. Its slot's executor may state one.
     #[serde(skip)]
     pub missing_period: Option<Box<Diagnostic>>,
@@ -72,7 +75,10 @@ pub fn read(root: &Element, report: &mut Reporter) -> ComponentProfile {
             .collect(),
         location: report.location(root.name_span),
     };
-    ComponentProfile { plan: Arc::new(plan), declared: declared(&semantics, &environment), missing_period }
+    let read = plan.data_ports.len() + plan.event_ports.len() + plan.service_ports.len();
+    let written: usize = root.children_of("ports").map(|ports| ports.children.len()).sum();
+    let declared = declared(&semantics, &environment);
+    ComponentProfile { plan: Arc::new(plan), declared, incomplete: read != written, missing_period }
 }
 
 fn declared(semantics: &Element, environment: &Element) -> Declared {
@@ -172,7 +178,7 @@ fn schedule(semantics: &Element, report: &mut Reporter) -> Schedule {
     let range = limits::PRIORITY_MIN..=limits::PRIORITY_MAX;
     if policy != Policy::Other && !range.contains(&priority) {
         report.error(element.text_span, format!("priority {priority} is out of range: 1 to 99 is possible"));
-    } else if priority < 0 || priority > limits::PRIORITY_MAX {
+    } else if !(0..=limits::PRIORITY_MAX).contains(&priority) {
         report.warning(element.text_span, format!("priority {priority} is out of range 0 to 99")).hint =
             Some("it has no effect: the policy is SCHED_OTHER".to_owned());
     }

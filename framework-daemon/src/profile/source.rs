@@ -16,6 +16,7 @@ use encoding_rs::{DecoderResult, EUC_KR, Encoding, UTF_8, UTF_16BE, UTF_16LE};
 
 use super::diagnostic::{Diagnostic, Level};
 use super::plan::Location;
+use super::xml::is_allowed;
 use crate::model::limits;
 
 /// A range of bytes in a source's text.
@@ -178,8 +179,7 @@ impl Source {
     }
 
     fn refuse_forbidden_characters(&self) -> Result<(), Diagnostic> {
-        let forbidden = |c: char| (c < ' ' && !matches!(c, '\t' | '\n' | '\r')) || matches!(c, '\u{fffe}' | '\u{ffff}');
-        let Some((at, c)) = self.text.char_indices().find(|(_, c)| forbidden(*c)) else { return Ok(()) };
+        let Some((at, c)) = self.text.char_indices().find(|(_, c)| !is_allowed(*c)) else { return Ok(()) };
         let message = format!("character U+{:04X} is not allowed in XML", u32::from(c));
         Err(Diagnostic::at(Level::Error, self, Span::new(at, c.len_utf8()), message)
             .with_hint("remove it; XML knows no control characters except tab and line ends"))

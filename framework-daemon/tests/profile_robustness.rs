@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use framework_daemon::profile::diagnostic::Diagnostic;
 use framework_daemon::profile::diff::diff;
 use framework_daemon::profile::single;
 use framework_daemon::profile::{load, plan::Plan};
@@ -154,10 +155,10 @@ proptest! {
         write(dir.path(), "A.xml", &component);
         match load(dir.path()) {
             Ok(loaded) => {
-                prop_assert!(!loaded.diagnostics.iter().any(|finding| finding.is_error()));
+                prop_assert!(!loaded.diagnostics.iter().any(Diagnostic::is_error));
                 prop_assert!(diff(&loaded.plan, &loaded.plan).is_empty());
             }
-            Err(found) => prop_assert!(found.iter().any(|finding| finding.is_error())),
+            Err(found) => prop_assert!(found.iter().any(Diagnostic::is_error)),
         }
     }
 }
@@ -218,6 +219,17 @@ fn what_is_too_large_is_refused_quickly() {
     assert!(refused(&format!("<data_type>{}</data_type>", "<a/>".repeat(200_000))));
     let attributes: String = (0..100_000).map(|index| format!(" a{index}=''")).collect();
     assert!(refused(&format!("<data_type{attributes}/>")));
+}
+
+/// One line of megabytes with a finding in every element: each finding costs its own size, not the line's.
+#[test]
+fn many_findings_in_one_long_line_cost_little() {
+    let text = format!("<data_type>{}</data_type>", "<strutc name=\"가나다라마바사\"/>".repeat(90_000));
+    let document = single::check_bytes(Path::new("a.xml"), text.as_bytes());
+    let shown: usize = document.findings.iter().map(|finding| finding.to_string().len()).sum();
+    assert!(!document.accepted() && shown < 1_000_000, "{shown}");
+    let last = document.findings.iter().map(|finding| finding.message.as_str()).find(|text| text.contains("not shown"));
+    assert_eq!(last, Some("89000 more findings in this file are not shown"));
 }
 
 #[test]

@@ -13,7 +13,8 @@ use super::diagnostic::{Diagnostic, Level};
 use super::document::{Document, Profile};
 use super::files::{self, Files};
 use super::plan::{
-    ComponentPlan, ConnectionPlan, ExecutorPlan, FaultRules, Location, Property, SecondaryPlan, SlotPlan, Trigger,
+    ComponentPlan, ConnectionPlan, ExecutorPlan, FaultRules, Location, PortKind, PortRef, Property, SecondaryPlan,
+    SlotPlan, Trigger,
 };
 use super::source::{Spot, Word};
 use super::suggest;
@@ -60,6 +61,10 @@ pub struct Assembler {
     pub(super) incomplete: HashSet<String>,
     /// Files of the components that fill a slot or stand by.
     pub used: HashSet<PathBuf>,
+    /// The line of each connection.
+    pub(super) linked: HashMap<(PortKind, PortRef, PortRef), u32>,
+    /// Required services that have their provider.
+    pub(super) called: HashSet<PortRef>,
     /// Where each slot was declared first.
     declared: HashMap<String, Spot>,
     /// True where references are not followed.

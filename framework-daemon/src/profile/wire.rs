@@ -74,11 +74,9 @@ impl Assembler {
             validity: connection.validity.clone(),
             location: connection.spot.location(),
         };
-        let same = |other: &ConnectionPlan| {
-            other.kind == plan.kind && other.source == plan.source && other.target == plan.target
-        };
-        if let Some(first) = self.connections.iter().find(|other| same(other)) {
-            let message = format!("these ports are already connected in line {}", first.location.line);
+        let key = (plan.kind, plan.source.clone(), plan.target.clone());
+        if let Some(line) = self.linked.get(&key) {
+            let message = format!("these ports are already connected in line {line}");
             return self.error(&connection.spot, message, "remove one of the two connections");
         }
         if source.type_name != target.type_name {
@@ -95,12 +93,11 @@ impl Assembler {
                 "names may differ; the layouts are compared when the plugins are loaded",
             );
         }
-        let second_provider = connection.kind == PortKind::Service
-            && self.connections.iter().any(|other| other.kind == PortKind::Service && other.source == plan.source);
-        if second_provider {
+        if connection.kind == PortKind::Service && !self.called.insert(plan.source.clone()) {
             let message = format!("{} is already connected to a provider", describe_end(&connection.source));
             return self.error(&connection.source.port.spot, message, "a required service has exactly one provider");
         }
+        self.linked.insert(key, plan.location.line);
         self.connections.push(plan);
     }
 

@@ -50,10 +50,10 @@ fn facts_of_table(rule: &ElementRule, above: &str, facts: &mut BTreeSet<String>)
     for attribute in rule.attributes {
         let need = if attribute.required { "!" } else { "" };
         facts.insert(format!("{path}@{}{need}", attribute.name));
-        words(attribute.kind).for_each(|word| drop(facts.insert(format!("{path}@{}={word}", attribute.name))));
+        facts.extend(words(attribute.kind).map(|word| format!("{path}@{}={word}", attribute.name)));
     }
     if let Content::Text(kind) | Content::Value(kind) = rule.content {
-        words(kind).for_each(|word| drop(facts.insert(format!("{path}={word}"))));
+        facts.extend(words(kind).map(|word| format!("{path}={word}")));
     }
     rule.children.iter().for_each(|(_, child)| facts_of_table(child, &path, facts));
 }

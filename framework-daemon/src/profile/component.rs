@@ -247,7 +247,11 @@ fn check_unique(root: &Element, report: &mut Reporter) {
         for port in &ports.children {
             let Some(name) = port.child("name").filter(|name| !name.text.is_empty()) else { continue };
             if let Some((kind, _, line)) = seen.iter().find(|(_, other, _)| *other == name.text) {
-                let message = format!("port \"{}\" is already a {} in line {line}", name.text, kind.replace('_', " "));
+                let message = format!(
+                    "port \"{}\" is already declared in line {line}, as a {}",
+                    name.text,
+                    kind.replace('_', " ")
+                );
                 // Two kinds of port have names of their own in OPRoS, where this was no mistake.
                 if *kind == port.name {
                     report.error(name.text_span, message).hint = Some("give each port a name of its own".to_owned());

@@ -1,6 +1,116 @@
 //! The command line: one file per verb, exit codes in one enum.
+//!
+//! Help, manual page and completions come from the one definition below.
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand, ValueEnum};
+
+/// `check`.
+pub mod check;
+/// `completions`.
+pub mod completions;
+/// `describe`.
+pub mod describe;
+/// Exit codes.
+pub mod exit_code;
+/// `graph`.
+pub mod graph;
+/// `man`.
+pub mod man;
+/// `run`.
+pub mod run;
+/// `schema`.
+pub mod schema;
+
+use exit_code::Exit;
+
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 profile invalid, 4 plugin refused, \
+     5 daemon not reachable, 6 refused by the daemon, 7 emergency latched.";
+
+/// Runs a robot's components from XML profiles and keeps it working when they fail.
+#[derive(Debug, Parser)]
+#[command(name = "framework-daemon", version, after_help = EXIT_CODES, arg_required_else_help = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Run a profile directory until SIGTERM or SIGINT.
+    Run(run::Arguments),
+    /// Find everything that is wrong with profiles, without running anything.
+    Check(check::Arguments),
+    /// Print the component profiles that a plugin's own metadata gives.
+    Describe(describe::Arguments),
+    /// Draw the slots and connections of a profile directory.
+    Graph(graph::Arguments),
+    /// Print the XSD of a kind of profile.
+    Schema(schema::Arguments),
+    /// Print completions for a shell.
+    Completions(completions::Arguments),
+    /// Print the manual page.
+    Man,
+}
+
+/// How results are printed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// For people.
+    #[default]
+    Text,
+    /// For programs: one object a line.
+    Json,
+}
 
 /// Parses the arguments, runs the verb and returns its exit code.
-pub fn main() -> std::process::ExitCode {
-    std::process::ExitCode::SUCCESS
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let mut out = io::stdout().lock();
+    let result = match cli.verb {
+        Verb::Run(arguments) => run::run(arguments, &mut out),
+        Verb::Describe(arguments) => describe::run(&arguments, &mut out),
+        Verb::Check(arguments) => check::run(&arguments, &mut out),
+        Verb::Graph(arguments) => graph::run(&arguments, &mut out),
+        Verb::Schema(arguments) => schema::run(&arguments, &mut out),
+        Verb::Completions(arguments) => completions::run(&arguments, &mut out),
+        Verb::Man => man::run(&mut out),
+    };
+    exit_of(result.and_then(|exit| out.flush().map(|()| exit))).into()
+}
+
+/// A reader that has seen enough (`| head`) is no failure.
+fn exit_of(result: io::Result<Exit>) -> Exit {
+    match result {
+        Ok(exit) => exit,
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Exit::Done,
+        Err(error) => {
+            let _ = writeln!(io::stderr(), "framework-daemon: cannot write the result: {error}");
+            Exit::Failed
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::Cli;
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_verb_shows_an_example() {
+        for verb in Cli::command().get_subcommands() {
+            let help = verb.get_after_help().map(ToString::to_string).unwrap_or_default();
+            assert!(verb.get_name() == "man" || help.contains("Examples:"), "{} has no example", verb.get_name());
+        }
+    }
 }

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
+pub use crate::model::schedule::{Policy, Schedule};
 use crate::model::symptom::SeverityTable;
 
 /// Where something was written: file, line and column (both from 1).
@@ -34,6 +35,16 @@ pub struct Plan {
     pub slots: Vec<SlotPlan>,
     /// Every connection, ends resolved to slots, composites' exported ports resolved to inner ones.
     pub connections: Vec<ConnectionPlan>,
+    /// Contamination between slots (not active yet).
+    pub dependencies: Vec<DependencyPlan>,
+    /// `coordination/depends`: pairs of slots, the second of which runs first (not active yet).
+    pub order: Vec<(String, String)>,
+    /// Ports that a helper watches (not active yet).
+    pub monitors: Vec<MonitorPlan>,
+    /// Slots compared with a model (not active yet).
+    pub reference_models: Vec<ReferenceModelPlan>,
+    /// Redundant outputs that are voted over (not active yet).
+    pub votings: Vec<VotingPlan>,
 }
 
 /// What a `system_profile` says.
@@ -45,6 +56,120 @@ pub struct SystemPlan {
     pub plugin_dirs: Vec<PathBuf>,
     /// Declared executors. A slot without one gets its own.
     pub executors: Vec<ExecutorPlan>,
+    /// Other daemons (not active yet).
+    pub nodes: Vec<NodePlan>,
+    /// Contamination between applications (not active yet).
+    pub dependencies: Vec<ApplicationDependencyPlan>,
+    /// Slots that get the emergency stop, in order (not active yet).
+    pub emergency: Vec<String>,
+    /// What to do when shared memory may be damaged (`restart` is not active yet).
+    pub on_taint: OnTaint,
+}
+
+/// What to do when memory that all components share may be damaged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OnTaint {
+    /// Go on; the journal says so.
+    #[default]
+    Continue,
+    /// Restart the daemon, warm, with checkpoints.
+    Restart,
+}
+
+/// Another daemon.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NodePlan {
+    /// Name that `node_id` refers to.
+    pub name: String,
+    /// Where it listens.
+    pub address: String,
+    /// Where it was declared.
+    pub location: Location,
+}
+
+/// An application that stops when too few of others work.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ApplicationDependencyPlan {
+    /// The application that stops.
+    pub application: String,
+    /// The applications that it needs.
+    pub on: Vec<String>,
+    /// How many of them must work.
+    pub require: usize,
+    /// Where it was declared.
+    pub location: Location,
+}
+
+/// A slot that stops when too few of others work.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DependencyPlan {
+    /// The slot that stops.
+    pub slot: String,
+    /// The slots that it needs.
+    pub on: Vec<String>,
+    /// How many of them must work.
+    pub require: usize,
+    /// Where it was declared.
+    pub location: Location,
+}
+
+/// A port that a helper component watches.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MonitorPlan {
+    /// The port.
+    pub port: PortRef,
+    /// Range checks.
+    pub validity: Vec<Validity>,
+    /// Silence longer than this is a fault.
+    pub max_age: Option<Duration>,
+    /// Where it was declared.
+    pub location: Location,
+}
+
+/// A slot compared with a model of it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ReferenceModelPlan {
+    /// The slot that is the model.
+    pub slot: String,
+    /// What feeds the model.
+    pub input: PortRef,
+    /// What the model is compared with.
+    pub target: PortRef,
+    /// Field that is compared; empty: the object is a single number.
+    pub field: String,
+    /// Sliding window.
+    pub window: Duration,
+    /// Largest mean difference in the window.
+    pub threshold: f64,
+    /// Where it was declared.
+    pub location: Location,
+}
+
+/// Redundant outputs that are voted over.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct VotingPlan {
+    /// The ports; the port's name is empty where only a slot was named.
+    pub inputs: Vec<PortRef>,
+    /// How.
+    pub method: VotingMethod,
+    /// Largest difference that still counts as equal.
+    pub tolerance: f64,
+    /// Field that is compared; empty: the object is a single number.
+    pub field: String,
+    /// Where it was declared.
+    pub location: Location,
+}
+
+/// How a vote is counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum VotingMethod {
+    /// The middle value.
+    #[default]
+    Median,
+    /// What most say, within the tolerance.
+    Majority,
 }
 
 /// One declared executor thread.
@@ -60,30 +185,6 @@ pub struct ExecutorPlan {
     pub location: Location,
 }
 
-/// How the operating system is to schedule a thread.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Schedule {
-    /// Scheduling policy.
-    pub policy: Policy,
-    /// Real-time priority, 1 to 99; without meaning for [`Policy::Other`].
-    pub priority: i32,
-    /// Processors that the thread may use; empty: all.
-    pub cpus: Vec<usize>,
-}
-
-/// Scheduling policy of a thread.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Policy {
-    /// `SCHED_OTHER`: time sharing.
-    #[default]
-    Other,
-    /// `SCHED_FIFO`: real time, until it blocks.
-    Fifo,
-    /// `SCHED_RR`: real time, in turns.
-    RoundRobin,
-}
-
 /// One slot: a named place in an application that an instance fills.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SlotPlan {
@@ -97,6 +198,8 @@ pub struct SlotPlan {
     pub properties: Vec<Property>,
     /// Name of a declared executor; `None`: one of its own.
     pub executor: Option<String>,
+    /// Name of the node that runs it, as written (not active yet); `None`: this one.
+    pub node: Option<String>,
     /// What to do about faults.
     pub rules: FaultRules,
     /// Where the subcomponent was declared.
@@ -302,7 +405,7 @@ pub struct ServicePortPlan {
 }
 
 /// The pattern of a connection.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PortKind {
     /// Data port to data port.

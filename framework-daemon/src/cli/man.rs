@@ -1,0 +1,27 @@
+//! `man`: the manual page, from the definition of the command line itself.
+
+use std::io::{self, Write};
+
+use clap::CommandFactory;
+
+use super::Cli;
+use super::exit_code::Exit;
+
+/// Prints the manual page: the program, then each verb.
+///
+/// # Errors
+/// Only those of writing.
+pub fn run(out: &mut impl Write) -> io::Result<Exit> {
+    let command = Cli::command();
+    clap_mangen::Man::new(command.clone()).render(out)?;
+    for verb in command.get_subcommands() {
+        let name = format!("framework-daemon {}", verb.get_name());
+        let page = clap_mangen::Man::new(verb.clone().bin_name(&name));
+        writeln!(out, ".SH {}", name.to_uppercase())?;
+        page.render_description_section(out)?;
+        page.render_synopsis_section(out)?;
+        page.render_options_section(out)?;
+        page.render_extra_section(out)?;
+    }
+    Ok(Exit::Done)
+}

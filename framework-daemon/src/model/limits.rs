@@ -1,0 +1,92 @@
+//! Every bound in one place, units in the names, relations between them checked at compile time.
+//!
+//! A limit exists so that a wrong or hostile input costs a message, not the robot. Each is far beyond what a real
+//! system needs: the largest public profile has some 60 KiB, 6 levels and 2,500 elements.
+
+use std::time::Duration;
+
+/// Largest profile file.
+pub const PROFILE_FILE_BYTES: u64 = 4 << 20;
+/// Deepest nesting of elements in a profile.
+pub const PROFILE_DEPTH: usize = 32;
+/// Most elements in a profile file.
+pub const PROFILE_ELEMENTS: usize = 100_000;
+/// Most attributes of one element.
+pub const PROFILE_ATTRIBUTES_PER_ELEMENT: usize = 64;
+/// Most bytes of one attribute value or of the text of one element.
+pub const PROFILE_TEXT_BYTES: usize = 1 << 20;
+/// Most profile files that one directory may hold or reach by references.
+pub const PROFILE_FILES: usize = 4_096;
+/// Deepest nesting of composites.
+pub const COMPOSITE_DEPTH: usize = 16;
+/// Most diagnostics kept of one run; beyond it their number is told.
+pub const DIAGNOSTICS: usize = 1_000;
+/// Longest name of a component, slot, port, executor, in characters.
+pub const NAME_CHARS: usize = 128;
+/// Longest part of a source line that a diagnostic shows, in characters.
+pub const EXCERPT_CHARS: usize = 160;
+
+/// Most slots of a plan, composites flattened.
+pub const SLOTS: usize = 10_000;
+/// Most connections of a plan, fan-out counted.
+pub const CONNECTIONS: usize = 100_000;
+/// Most declared executors.
+pub const EXECUTORS: usize = 256;
+/// Highest processor number that an executor may name.
+pub const CPU_MAX: usize = 1_023;
+/// Real-time priorities of Linux.
+pub const PRIORITY_MIN: i32 = 1;
+/// Real-time priorities of Linux.
+pub const PRIORITY_MAX: i32 = 99;
+
+/// Shortest period of a periodic callback.
+pub const PERIOD_MIN: Duration = Duration::from_micros(50);
+/// Longest time of any kind in a profile.
+pub const DURATION_MAX: Duration = Duration::from_secs(7 * 24 * 3600);
+/// Smallest stack of a fiber, in bytes.
+pub const STACK_MIN_BYTES: usize = 64 << 10;
+/// Largest stack of a fiber, in bytes.
+pub const STACK_MAX_BYTES: usize = 1 << 30;
+/// Largest queue of a FIFO port.
+pub const FIFO_SIZE_MAX: usize = 65_536;
+/// Size of a FIFO that states none: OPRoS's own default.
+pub const FIFO_SIZE_DEFAULT: usize = 15;
+
+/// Most resets that a restart intensity may allow within its window.
+pub const RESETS_MAX: u32 = 1_000;
+/// Most secondaries of one slot.
+pub const SECONDARIES: usize = 16;
+/// Most spares of one slot.
+pub const SPARES_MAX: u32 = 64;
+
+/// Address space of a fiber's stack where the profile says nothing; only touched pages take memory.
+pub const STACK_BYTES: usize = 1 << 20;
+/// Alternate signal stack of each guarded thread; AVX-512 frames are large.
+pub const SIGNAL_STACK_BYTES: usize = 64 << 10;
+/// Longest panic message, error text or log record kept, in bytes.
+pub const TEXT_BYTES: usize = 400;
+/// Log records of components waiting to be written.
+pub const LOG_RECORDS: usize = 1_024;
+/// Fault events waiting for the fault manager.
+pub const FAULT_EVENTS: usize = 4_096;
+/// Idle fibers that an executor makes room for, for each size of stack.
+pub const IDLE_FIBERS: usize = 4;
+/// Blocks of an output port beyond those that its readers can hold.
+pub const SPARE_BLOCKS: usize = 2;
+/// Longest time that `stop` or `destroy` of one component may take.
+pub const SHUTDOWN_STEP: Duration = Duration::from_millis(500);
+/// Longest time that a constructor with `initialize`, or `start`, may take before a boot or reload is given up.
+pub const BOOT_STEP: Duration = Duration::from_secs(10);
+/// Recoveries tried for one fault before the slot is stopped.
+pub const RECOVERY_STEPS_MAX: usize = 2 * SECONDARIES;
+
+const _: () = assert!(COMPOSITE_DEPTH < PROFILE_FILES);
+const _: () = assert!(PROFILE_ELEMENTS > SLOTS, "a file must be able to hold every slot");
+const _: () = assert!(PROFILE_TEXT_BYTES as u64 <= PROFILE_FILE_BYTES);
+const _: () = assert!(PROFILE_FILE_BYTES < u32::MAX as u64, "spans are 32 bits wide");
+const _: () = assert!(FIFO_SIZE_DEFAULT <= FIFO_SIZE_MAX);
+const _: () = assert!(STACK_MIN_BYTES < STACK_MAX_BYTES && STACK_MIN_BYTES.is_multiple_of(4096));
+const _: () = assert!(PRIORITY_MIN < PRIORITY_MAX);
+const _: () = assert!(PERIOD_MIN.as_nanos() < DURATION_MAX.as_nanos());
+const _: () = assert!(STACK_MIN_BYTES <= STACK_BYTES && STACK_BYTES <= STACK_MAX_BYTES);
+const _: () = assert!(TEXT_BYTES >= component_sdk::context::TEXT_LIMIT && TEXT_BYTES <= u16::MAX as usize);

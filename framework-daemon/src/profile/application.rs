@@ -1,0 +1,305 @@
+//! `application_profile`, `package_profile`, and what a composite has in common with them: slots and connections as
+//! written, names not yet resolved.
+
+use std::time::Duration;
+
+use serde::Serialize;
+
+use super::component;
+use super::composite::{self, Export};
+use super::diagnostic::Reporter;
+use super::fault_rules::{self, Declared};
+use super::plan::{PortKind, Property, Validity, VotingMethod};
+use super::quantity;
+use super::source::{Spot, Word};
+use super::xml::Element;
+
+/// Slots and their connections: an application or a composite.
+#[derive(Clone, Debug, Serialize)]
+pub struct Assembly {
+    /// Its name.
+    pub name: Word,
+    /// Its slots.
+    pub subcomponents: Vec<Subcomponent>,
+    /// Its connections.
+    pub connections: Vec<Connection>,
+    /// Ports of a composite that show outside.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub exports: Vec<Export>,
+    /// `<dependency>`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub dependencies: Vec<Dependency>,
+    /// `<coordination>`: source runs after target.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub order: Vec<(Word, Word)>,
+    /// `<monitor>`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub monitors: Vec<Monitor>,
+    /// `<reference_model>`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub reference_models: Vec<ReferenceModel>,
+    /// `<voting>`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub votings: Vec<Voting>,
+}
+
+/// A slot as written.
+#[derive(Clone, Debug, Serialize)]
+pub struct Subcomponent {
+    /// Its name.
+    pub name: Word,
+    /// The profile that fills it.
+    pub reference: Word,
+    /// `node_id`; empty without one.
+    pub node: Word,
+    /// Property values that override the component's.
+    pub properties: Vec<PropertyOverride>,
+    /// Declared executor.
+    pub executor: Option<Word>,
+    /// `fault_tolerance`.
+    pub fault_tolerance: Option<Declared>,
+}
+
+/// A property of a slot.
+#[derive(Clone, Debug, Serialize)]
+pub struct PropertyOverride {
+    /// Name, type and value.
+    #[serde(flatten)]
+    pub property: Property,
+    /// Where its name stands.
+    #[serde(skip)]
+    pub spot: Spot,
+}
+
+/// One end of a connection as written.
+#[derive(Clone, Debug, Serialize)]
+pub struct End {
+    /// Slot or composite.
+    pub component: Word,
+    /// Its port.
+    pub port: Word,
+}
+
+/// A connection as written.
+#[derive(Clone, Debug, Serialize)]
+pub struct Connection {
+    /// `port_type`.
+    pub kind: PortKind,
+    /// Output or required end.
+    pub source: End,
+    /// Input or provided end.
+    pub target: End,
+    /// Range checks.
+    pub validity: Vec<Validity>,
+    /// Where the element stands.
+    #[serde(skip)]
+    pub spot: Spot,
+}
+
+/// A dependency as written, between slots or between applications.
+#[derive(Clone, Debug, Serialize)]
+pub struct Dependency {
+    /// Who stops.
+    pub dependent: Word,
+    /// Whom it needs.
+    pub on: Vec<Word>,
+    /// How many of them; `None`: all.
+    pub require: Option<usize>,
+    /// Where the number, or else the element, stands.
+    #[serde(skip)]
+    pub spot: Spot,
+}
+
+/// A `<monitor>` as written.
+#[derive(Clone, Debug, Serialize)]
+pub struct Monitor {
+    /// The port.
+    pub port: End,
+    /// Range checks.
+    pub validity: Vec<Validity>,
+    /// Silence longer than this is a fault.
+    pub max_age: Option<Duration>,
+}
+
+/// A `<reference_model>` as written.
+#[derive(Clone, Debug, Serialize)]
+pub struct ReferenceModel {
+    /// The model.
+    pub component: Word,
+    /// What feeds it: `slot.port`.
+    pub input: Word,
+    /// What it is compared with: `slot.port`.
+    pub target: Word,
+    /// Field that is compared.
+    pub field: String,
+    /// Sliding window.
+    pub window: Duration,
+    /// Largest mean difference.
+    pub threshold: f64,
+    /// Where the element stands.
+    #[serde(skip)]
+    pub spot: Spot,
+}
+
+/// A `<voting>` as written.
+#[derive(Clone, Debug, Serialize)]
+pub struct Voting {
+    /// Slots or ports (`slot.port`).
+    pub inputs: Vec<Word>,
+    /// How.
+    pub method: VotingMethod,
+    /// Largest difference that counts as equal.
+    pub tolerance: f64,
+    /// Field that is compared.
+    pub field: String,
+    /// Where the element stands.
+    #[serde(skip)]
+    pub spot: Spot,
+}
+
+/// Reads an application or a composite.
+pub fn read(root: &Element, report: &mut Reporter) -> Assembly {
+    let name = root.child("name").unwrap_or(root);
+    Assembly {
+        name: report.text_word(name),
+        subcomponents: root
+            .grandchildren("subcomponents", "subcomponent")
+            .filter_map(|element| subcomponent(element, report))
+            .collect(),
+        connections: root
+            .grandchildren("port_connections", "port_connection")
+            .filter_map(|element| connection(element, report))
+            .collect(),
+        exports: composite::exports(root, report),
+        dependencies: root.children_of("dependency").map(|element| dependency(element, "component", report)).collect(),
+        order: root.grandchildren("coordination", "depends").map(|element| depends(element, report)).collect(),
+        monitors: root.children_of("monitor").map(|element| monitor(element, report)).collect(),
+        reference_models: root.children_of("reference_model").map(|element| reference_model(element, report)).collect(),
+        votings: root.children_of("voting").map(|element| voting(element, report)).collect(),
+    }
+}
+
+fn subcomponent(element: &Element, report: &mut Reporter) -> Option<Subcomponent> {
+    let fault_tolerance = element.child("fault_tolerance").map(|rules| fault_rules::read(rules, report));
+    let overrides = component::properties(element, report);
+    let (name, reference) = (element.child("name")?, element.child("reference")?);
+    let properties = element.grandchildren("properties", "property");
+    let spots: Vec<(String, Spot)> =
+        properties.map(|property| report.value_word(property, "name")).map(|word| (word.text, word.spot)).collect();
+    let locate = |property: Property| {
+        let found = spots.iter().find(|(name, _)| *name == property.name);
+        let spot = found.map_or_else(|| report.spot(element.name_span), |(_, spot)| spot.clone());
+        PropertyOverride { property, spot }
+    };
+    Some(Subcomponent {
+        properties: overrides.into_iter().map(locate).collect(),
+        name: report.text_word(name),
+        reference: report.text_word(reference),
+        node: report.text_word(element.child("node_id").unwrap_or(&Element::default())),
+        executor: element.child("executor").filter(|named| !named.text.is_empty()).map(|named| report.text_word(named)),
+        fault_tolerance,
+    })
+    .filter(|slot| !slot.name.text.is_empty() && !slot.reference.text.is_empty())
+}
+
+fn connection(element: &Element, report: &mut Reporter) -> Option<Connection> {
+    let validity = fault_rules::validities(element, report);
+    let kind = port_kind(element.value_of("port_type"))?;
+    match kind {
+        PortKind::Data => {}
+        PortKind::Event => report.not_active(element.name_span, "a connection of event ports"),
+        PortKind::Service => report.not_active(element.name_span, "a connection of service ports"),
+    }
+    if kind != PortKind::Data
+        && let Some(found) = element.child("validity")
+    {
+        report.error(found.name_span, "<validity> belongs to a connection of data ports");
+    }
+    Some(Connection {
+        kind,
+        source: end(element.child("source")?, report)?,
+        target: end(element.child("target")?, report)?,
+        validity,
+        spot: report.spot(element.name_span),
+    })
+}
+
+/// The kind of port that a `port_type` names.
+#[must_use]
+pub fn port_kind(name: &str) -> Option<PortKind> {
+    match name {
+        "data" => Some(PortKind::Data),
+        "event" => Some(PortKind::Event),
+        "service" => Some(PortKind::Service),
+        _ => None,
+    }
+}
+
+fn end(element: &Element, report: &Reporter) -> Option<End> {
+    let end =
+        End { component: report.value_word(element, "component_name"), port: report.value_word(element, "port_name") };
+    (!end.component.text.is_empty() && !end.port.text.is_empty()).then_some(end)
+}
+
+/// Reads `<dependency>`; `who` is the attribute that names who stops.
+pub fn dependency(element: &Element, who: &str, report: &mut Reporter) -> Dependency {
+    report.not_active(element.name_span, "<dependency>");
+    let on = report.value_words(element, "on");
+    let require = element.attribute("require").and_then(|require| require.value.parse().ok());
+    let span = element.attribute("require").map_or(element.name_span, |require| require.value_span);
+    if require.is_some_and(|require: usize| require > on.len()) {
+        let message = format!("requires {} of {}", element.value_of("require"), on.len());
+        report.error(span, message).hint = Some("require is at most the number of names in on".to_owned());
+    }
+    Dependency { dependent: report.value_word(element, who), on, require, spot: report.spot(element.name_span) }
+}
+
+fn depends(element: &Element, report: &mut Reporter) -> (Word, Word) {
+    report.not_active(element.name_span, "<depends>");
+    (report.value_word(element, "source"), report.value_word(element, "target"))
+}
+
+fn monitor(element: &Element, report: &mut Reporter) -> Monitor {
+    report.not_active(element.name_span, "<monitor>");
+    let port = End { component: report.value_word(element, "component"), port: report.value_word(element, "port") };
+    Monitor { port, validity: fault_rules::validities(element, report), max_age: fault_rules::max_age(element, report) }
+}
+
+fn reference_model(element: &Element, report: &mut Reporter) -> ReferenceModel {
+    report.not_active(element.name_span, "<reference_model>");
+    let threshold = quantity::number(element.value_of("threshold")).unwrap_or(0.0);
+    if threshold < 0.0 {
+        report.error(report.value_word(element, "threshold").spot.span, "threshold must not be negative");
+    }
+    let window = quantity::duration(element.value_of("window")).unwrap_or_default();
+    if window.is_zero() && element.attribute("window").is_some() {
+        report.error(report.value_word(element, "window").spot.span, "window must be more than 0");
+    }
+    ReferenceModel {
+        component: report.value_word(element, "component"),
+        input: report.value_word(element, "input"),
+        target: report.value_word(element, "target"),
+        field: element.value_of("field").to_owned(),
+        window,
+        threshold,
+        spot: report.spot(element.name_span),
+    }
+}
+
+fn voting(element: &Element, report: &mut Reporter) -> Voting {
+    /// Two can disagree, but only three can outvote one.
+    const LEAST: usize = 3;
+    report.not_active(element.name_span, "<voting>");
+    let inputs = report.value_words(element, "inputs");
+    if !inputs.is_empty() && inputs.len() < LEAST {
+        let span = report.value_word(element, "inputs").spot.span;
+        report.error(span, format!("a vote needs at least {LEAST} inputs, here are {}", inputs.len()));
+    }
+    Voting {
+        inputs,
+        method: if element.value_of("method") == "majority" { VotingMethod::Majority } else { VotingMethod::Median },
+        tolerance: quantity::number(element.value_of("tolerance")).unwrap_or(0.0),
+        field: element.value_of("field").to_owned(),
+        spot: report.spot(element.name_span),
+    }
+}

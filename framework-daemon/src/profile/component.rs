@@ -1,0 +1,365 @@
+//! `component_profile`: a component class.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::Serialize;
+
+use super::diagnostic::{Diagnostic, Level, Reporter};
+use super::fault_rules;
+use super::plan::{
+    ComponentPlan, DataPortPlan, EventPortPlan, Execution, Overflow, Policy, Property, Queue, Schedule,
+    ServicePortPlan, Trigger, Usage,
+};
+use super::quantity;
+use super::source::Span;
+use super::xml::Element;
+use crate::model::limits;
+
+/// A component class, as planned and as written.
+#[derive(Clone, Debug, Serialize)]
+pub struct ComponentProfile {
+    /// What the runtime works from.
+    #[serde(flatten)]
+    pub plan: Arc<ComponentPlan>,
+    /// What was written, where the plan says it in other words.
+    pub declared: Declared,
+    /// Why it cannot run by itself: it is periodic and states no period. Its slot's executor may state one.
+    #[serde(skip)]
+    pub missing_period: Option<Box<Diagnostic>>,
+}
+
+/// `execution_semantics` and `execution_environment` as written.
+#[derive(Clone, Debug, Serialize)]
+pub struct Declared {
+    /// `type`.
+    pub trigger: String,
+    /// `period`.
+    pub period: String,
+    /// `priority`.
+    pub priority: String,
+    /// `policy`.
+    pub policy: String,
+    /// `creation_type`.
+    pub creation_type: String,
+    /// `instance_creation`.
+    pub instance_creation: String,
+    /// `lifecycle_type`.
+    pub lifecycle: String,
+    /// `library_type`.
+    pub library_type: String,
+}
+
+/// Reads `<component_profile>`.
+pub fn read(root: &Element, report: &mut Reporter) -> ComponentProfile {
+    let environment = root.child("execution_environment").cloned().unwrap_or_default();
+    let semantics = root.child("execution_semantics").cloned().unwrap_or_default();
+    let mut missing_period = None;
+    let execution = execution(&semantics, &mut missing_period, report);
+    check_unique(root, report);
+    note_state_machine(root, report);
+    let plan = ComponentPlan {
+        name: root.text_of("name").to_owned(),
+        version: root.text_of("version").to_owned(),
+        library: environment.text_of("library_name").to_owned(),
+        execution,
+        properties: properties(root, report),
+        data_ports: root.grandchildren("ports", "data_port").filter_map(|port| data_port(port, report)).collect(),
+        event_ports: root.grandchildren("ports", "event_port").filter_map(|port| event_port(port, report)).collect(),
+        service_ports: root
+            .grandchildren("ports", "service_port")
+            .filter_map(|port| service_port(port, report))
+            .collect(),
+        location: report.location(root.name_span),
+    };
+    ComponentProfile { plan: Arc::new(plan), declared: declared(&semantics, &environment), missing_period }
+}
+
+fn declared(semantics: &Element, environment: &Element) -> Declared {
+    let text = |name: &str| semantics.text_of(name).to_owned();
+    Declared {
+        trigger: text("type"),
+        period: text("period"),
+        priority: text("priority"),
+        policy: text("policy"),
+        creation_type: text("creation_type"),
+        instance_creation: text("instance_creation"),
+        lifecycle: text("lifecycle_type"),
+        library_type: environment.text_of("library_type").to_owned(),
+    }
+}
+
+fn note_state_machine(root: &Element, report: &mut Reporter) {
+    if let Some(fsm) = root.child("fsm") {
+        report.not_active(fsm.name_span, "<fsm>");
+    }
+}
+
+fn execution(semantics: &Element, missing: &mut Option<Box<Diagnostic>>, report: &mut Reporter) -> Execution {
+    let creation = [semantics.text_of("creation_type"), semantics.text_of("instance_creation")];
+    if creation.iter().all(|text| !text.is_empty()) && creation[0] != creation[1] {
+        let span = semantics.child("instance_creation").map_or(semantics.name_span, |second| second.text_span);
+        report
+            .error(span, format!("creation_type says \"{}\", instance_creation \"{}\"", creation[0], creation[1]))
+            .hint = Some("they are two names for one thing: remove one".to_owned());
+    }
+    Execution {
+        trigger: trigger(semantics, missing, report),
+        schedule: schedule(semantics, report),
+        deadline: deadline(semantics, report),
+        stack: stack(semantics, report),
+        autostart: matches!(semantics.text_of("lifecycle_type"), "" | "start"),
+        singleton: creation.contains(&"singleton"),
+    }
+}
+
+fn trigger(semantics: &Element, missing: &mut Option<Box<Diagnostic>>, report: &mut Reporter) -> Trigger {
+    let kind = semantics.text_of("type");
+    let period = semantics.child("period").filter(|period| !period.text.is_empty());
+    if !kind.starts_with("periodic") {
+        if let Some(stale) = period
+            && let Err(wrong) = quantity::duration(&stale.text)
+        {
+            report.warning(stale.text_span, format!("period: {wrong}")).hint =
+                Some(format!("a {kind} component has no period: remove it"));
+        }
+        return if kind == "passive" { Trigger::Passive } else { Trigger::Nonperiodic };
+    }
+    match period {
+        None => {
+            let span = semantics
+                .child("period")
+                .or_else(|| semantics.child("type"))
+                .map_or(semantics.name_span, |e| e.name_span);
+            let found = report.spot(span).diagnostic(Level::Error, "a periodic component needs a period");
+            *missing =
+                Some(Box::new(found.with_hint("add <period>20</period> (milliseconds), or give its executor one")));
+            Trigger::Periodic(Duration::ZERO)
+        }
+        Some(period) => Trigger::Periodic(check_period(period.text_span, &period.text, report)),
+    }
+}
+
+/// A period, checked; the shortest one possible where it is wrong.
+pub fn check_period(span: Span, text: &str, report: &mut Reporter) -> Duration {
+    match quantity::duration(text) {
+        Err(wrong) => {
+            report.error(span, format!("period: {wrong}"));
+        }
+        Ok(period) if period < limits::PERIOD_MIN => {
+            let least = quantity::format_duration(limits::PERIOD_MIN);
+            report.error(span, format!("a period of {text} is too short: {least} is the least"));
+        }
+        Ok(period) => return period,
+    }
+    limits::PERIOD_MIN
+}
+
+fn schedule(semantics: &Element, report: &mut Reporter) -> Schedule {
+    let policy = match semantics.text_of("policy") {
+        "SCHED_FIFO" => Policy::Fifo,
+        "SCHED_RR" => Policy::RoundRobin,
+        _ => Policy::Other,
+    };
+    let Some(element) = semantics.child("priority").filter(|element| !element.text.is_empty()) else {
+        if policy != Policy::Other {
+            let span = semantics.child("policy").map_or(semantics.name_span, |policy| policy.text_span);
+            report.error(span, "a real-time policy needs a priority, 1 to 99");
+        }
+        return Schedule { policy, priority: 0, cpus: Vec::new() };
+    };
+    let priority = element.text.parse().unwrap_or(0);
+    let range = limits::PRIORITY_MIN..=limits::PRIORITY_MAX;
+    if policy != Policy::Other && !range.contains(&priority) {
+        report.error(element.text_span, format!("priority {priority} is out of range: 1 to 99 is possible"));
+    } else if priority < 0 || priority > limits::PRIORITY_MAX {
+        report.warning(element.text_span, format!("priority {priority} is out of range 0 to 99")).hint =
+            Some("it has no effect: the policy is SCHED_OTHER".to_owned());
+    }
+    Schedule { policy, priority: priority.clamp(0, limits::PRIORITY_MAX), cpus: Vec::new() }
+}
+
+fn deadline(semantics: &Element, report: &mut Reporter) -> Option<Duration> {
+    let element = semantics.child("deadline")?;
+    let deadline = quantity::duration(&element.text).ok()?;
+    if deadline.is_zero() {
+        report.error(element.text_span, "deadline must be more than 0");
+        return None;
+    }
+    report.not_active(element.name_span, "<deadline>");
+    Some(deadline)
+}
+
+fn stack(semantics: &Element, report: &mut Reporter) -> Option<usize> {
+    let element = semantics.child("stack")?;
+    let bytes = quantity::bytes(&element.text).ok()?;
+    if !(limits::STACK_MIN_BYTES..=limits::STACK_MAX_BYTES).contains(&bytes) {
+        report.error(
+            element.text_span,
+            format!("a stack of {} is out of range: 64KiB to 1GiB is possible", element.text),
+        );
+        return None;
+    }
+    Some(bytes)
+}
+
+/// Reads `<properties>` of a component or of a slot; a later one of the same name is an error.
+pub fn properties(parent: &Element, report: &mut Reporter) -> Vec<Property> {
+    let mut all: Vec<Property> = Vec::new();
+    for element in parent.grandchildren("properties", "property") {
+        let property = Property {
+            name: element.value_of("name").to_owned(),
+            type_name: element.value_of("type").to_owned(),
+            value: element.text.clone(),
+        };
+        if all.iter().any(|other| other.name == property.name) {
+            let word = report.value_word(element, "name");
+            report.error(word.spot.span, format!("property \"{}\" is given twice", property.name)).hint =
+                Some("remove one of them".to_owned());
+            continue;
+        }
+        check_property_type(element, &property, report);
+        all.push(property);
+    }
+    all
+}
+
+/// A warning only: the component reads the text itself, and ten shipped profiles say `True` for an `int`.
+fn check_property_type(element: &Element, property: &Property, report: &mut Reporter) {
+    let (text, lower) = (property.value.as_str(), property.value.to_ascii_lowercase());
+    let fits = match property.type_name.as_str() {
+        _ if text.is_empty() => true,
+        "int" | "long" | "short" | "int32_t" | "int64_t" => text.parse::<i64>().is_ok(),
+        "unsigned int" | "unsigned long" | "unsigned" | "uint32_t" | "uint64_t" => text.parse::<u64>().is_ok(),
+        "double" | "float" => quantity::number(text).is_ok(),
+        "bool" => matches!(lower.as_str(), "true" | "false" | "0" | "1"),
+        _ => true,
+    };
+    if !fits {
+        let message = format!("property \"{}\": \"{text}\" is not of type {}", property.name, property.type_name);
+        report.warning(element.text_span, message).hint = Some("the component gets the text as it is".to_owned());
+    }
+}
+
+fn check_unique(root: &Element, report: &mut Reporter) {
+    let mut seen: Vec<(&str, &str, u32)> = Vec::new();
+    for ports in root.children_of("ports") {
+        for port in &ports.children {
+            let Some(name) = port.child("name").filter(|name| !name.text.is_empty()) else { continue };
+            if let Some((kind, _, line)) = seen.iter().find(|(_, other, _)| *other == name.text) {
+                let message = format!(
+                    "port \"{}\" is already declared in line {line}, as a {}",
+                    name.text,
+                    kind.replace('_', " ")
+                );
+                // Two kinds of port have names of their own in OPRoS, where this was no mistake.
+                if *kind == port.name {
+                    report.error(name.text_span, message).hint = Some("give each port a name of its own".to_owned());
+                } else {
+                    report.warning(name.text_span, message);
+                }
+                continue;
+            }
+            seen.push((&port.name, &name.text, report.location(name.text_span).line));
+        }
+    }
+}
+
+fn usage(port: &Element) -> Option<Usage> {
+    match port.text_of("usage") {
+        "input" => Some(Usage::Input),
+        "output" => Some(Usage::Output),
+        _ => None,
+    }
+}
+
+fn data_port(port: &Element, report: &mut Reporter) -> Option<DataPortPlan> {
+    let (queue, validity, max_age) =
+        (queue(port, report), fault_rules::validities(port, report), fault_rules::max_age(port, report));
+    let usage = usage(port)?;
+    if let Some(age) = port.child("max_age").filter(|_| usage == Usage::Output) {
+        report.error(age.name_span, "<max_age> belongs to an input: an output cannot know how long nobody wrote");
+    }
+    Some(DataPortPlan {
+        name: port.text_of("name").to_owned(),
+        usage,
+        data_type: port.text_of("data_type").to_owned(),
+        queue,
+        validity,
+        max_age,
+        location: report.location(port.name_span),
+    })
+}
+
+/// OPRoS spells the policy three ways and applies none of them; the first of `SPELLINGS` that says something counts here.
+fn queue(port: &Element, report: &mut Reporter) -> Queue {
+    const SPELLINGS: [&str; 3] = ["queueing_policy", "queuing_policy", "policy"];
+    let mut given = SPELLINGS.iter().filter_map(|name| port.child(name)).filter(|policy| !policy.text.is_empty());
+    let policy = given.next();
+    if let Some(other) = given.find(|other| Some(&other.text) != policy.map(|policy| &policy.text)) {
+        report.error(other.text_span, format!("<{}> contradicts the other policy of this port", other.name)).hint =
+            Some("remove one of them".to_owned());
+    }
+    let overflow = port.child("overflow");
+    match policy.map_or("", |policy| policy.text.as_str()) {
+        "FIFO" => return Queue::Fifo { size: queue_size(port, report), overflow: overflow_rule(port) },
+        "" | "LAST" => {}
+        other => {
+            let span = policy.map_or(port.name_span, |policy| policy.text_span);
+            report.not_active(span, &format!("policy {other} (the port keeps the newest value, as LAST)"));
+        }
+    }
+    if let Some(overflow) = overflow {
+        report.error(overflow.name_span, "<overflow> needs a FIFO").hint =
+            Some("add <queueing_policy>FIFO</queueing_policy> and <queue_size>".to_owned());
+    }
+    Queue::Last
+}
+
+fn overflow_rule(port: &Element) -> Overflow {
+    match port.text_of("overflow") {
+        "drop_newest" => Overflow::DropNewest,
+        "fault" => Overflow::Fault,
+        _ => Overflow::DropOldest,
+    }
+}
+
+fn queue_size(port: &Element, report: &mut Reporter) -> usize {
+    let sizes = port.children_of("queue_size").chain(port.children_of("policy_param"));
+    let Some(element) = sizes.into_iter().find(|size| !size.text.is_empty()) else { return limits::FIFO_SIZE_DEFAULT };
+    match element.text.parse::<usize>() {
+        Ok(size) if (1..=limits::FIFO_SIZE_MAX).contains(&size) => return size,
+        Ok(_) => {
+            let message =
+                format!("a queue of {} is out of range: 1 to {} is possible", element.text, limits::FIFO_SIZE_MAX);
+            report.error(element.text_span, message);
+        }
+        // Not a number: `conform` has said so.
+        Err(_) => {}
+    }
+    limits::FIFO_SIZE_DEFAULT
+}
+
+fn event_port(port: &Element, report: &mut Reporter) -> Option<EventPortPlan> {
+    Some(EventPortPlan {
+        name: port.text_of("name").to_owned(),
+        usage: usage(port)?,
+        data_type: port.text_of("data_type").to_owned(),
+        location: report.location(port.name_span),
+    })
+}
+
+fn service_port(port: &Element, report: &mut Reporter) -> Option<ServicePortPlan> {
+    let provided = match port.text_of("usage") {
+        "provided" => true,
+        "required" => false,
+        _ => return None,
+    };
+    Some(ServicePortPlan {
+        name: port.text_of("name").to_owned(),
+        provided,
+        type_name: port.text_of("type").to_owned(),
+        reference: port.text_of("reference").to_owned(),
+        location: report.location(port.name_span),
+    })
+}

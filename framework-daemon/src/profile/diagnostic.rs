@@ -1,0 +1,283 @@
+//! What is wrong, where, and the way out: `file:line:column: error: ...` with the source line, a caret and a hint.
+//!
+//! The shape is that of compilers, so that editors jump to it. Own code, about a screen of it: the report crates drag in
+//! colours and boxes that make golden files and log lines unreadable.
+
+use std::fmt::{self, Display, Formatter};
+use std::path::Path;
+use std::sync::Arc;
+
+use serde::{Serialize, Serializer};
+use serde_json::json;
+
+use super::plan::Location;
+use super::source::{Source, Span, Spot, Word};
+use super::xml::Element;
+use crate::model::limits;
+
+/// How much a diagnostic matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    /// The profile is refused.
+    Error,
+    /// Accepted, but probably not what was meant.
+    Warning,
+    /// Worth knowing.
+    Note,
+}
+
+impl Level {
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Error => "error",
+            Self::Warning => "warning",
+            Self::Note => "note",
+        }
+    }
+}
+
+/// One finding.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Diagnostic {
+    /// How much it matters.
+    pub level: Level,
+    /// What is wrong.
+    pub message: String,
+    /// The way out.
+    pub hint: Option<String>,
+    /// Where; line 0 where the whole file is meant.
+    pub location: Location,
+    /// The source line; empty where the whole file is meant.
+    pub excerpt: String,
+    /// How many characters the caret underlines.
+    pub width: usize,
+}
+
+impl Diagnostic {
+    /// A finding at a span.
+    #[must_use]
+    pub fn at(level: Level, source: &Source, span: Span, message: impl Into<String>) -> Self {
+        let (line, width) = source.excerpt(span);
+        let location = source.location(span);
+        Self { level, message: message.into(), hint: None, location, excerpt: line.to_owned(), width: width.max(1) }
+    }
+
+    /// A finding about a file as a whole.
+    #[must_use]
+    pub fn of_file(level: Level, path: &Path, message: impl Into<String>) -> Self {
+        let location = Location { file: Arc::new(path.to_path_buf()), line: 0, column: 0 };
+        Self { level, message: message.into(), hint: None, location, excerpt: String::new(), width: 0 }
+    }
+
+    /// The same with a way out.
+    #[must_use]
+    pub fn with_hint(mut self, hint: impl Into<String>) -> Self {
+        self.hint = Some(hint.into());
+        self
+    }
+
+    /// The same with a way out, if there is one.
+    #[must_use]
+    pub fn with_hint_if(mut self, hint: Option<String>) -> Self {
+        self.hint = hint.or(self.hint);
+        self
+    }
+
+    /// True where the profile is refused.
+    #[must_use]
+    pub fn is_error(&self) -> bool {
+        self.level == Level::Error
+    }
+
+    /// The source line and the caret line below it, both cut to a window around the caret.
+    fn picture(&self) -> (String, String) {
+        let column = (self.location.column as usize).saturating_sub(1);
+        let skip = column.saturating_sub(limits::EXCERPT_CHARS / 2);
+        let skip = if self.excerpt.chars().count() > limits::EXCERPT_CHARS { skip } else { 0 };
+        let line: String = self.excerpt.chars().skip(skip).take(limits::EXCERPT_CHARS).collect();
+        let pad: String = line.chars().take(column - skip).map(blank_of).collect();
+        let room = limits::EXCERPT_CHARS.saturating_sub(column - skip).max(1);
+        (line, format!("{pad}{}", "^".repeat(self.width.clamp(1, room))))
+    }
+}
+
+/// A blank as wide as `c` on a terminal: tabs stay tabs, Korean and Chinese letters are two columns wide.
+const fn blank_of(c: char) -> char {
+    match c {
+        '\t' => '\t',
+        '\u{1100}'..='\u{115f}' | '\u{2e80}'..='\u{a4cf}' | '\u{ac00}'..='\u{d7a3}' | '\u{ff00}'..='\u{ff60}' => {
+            '\u{3000}'
+        }
+        _ => ' ',
+    }
+}
+
+impl Display for Diagnostic {
+    fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
+        let Location { file, line, column } = &self.location;
+        write!(out, "{}:", file.display())?;
+        if *line > 0 {
+            write!(out, "{line}:{column}:")?;
+        }
+        write!(out, " {}: {}", self.level.name(), self.message)?;
+        if *line > 0 {
+            let (text, caret) = self.picture();
+            write!(out, "\n{line:>6} | {}\n       | {caret}", text.trim_end())?;
+        }
+        if let Some(hint) = &self.hint {
+            write!(out, "\n       = {hint}")?;
+        }
+        Ok(())
+    }
+}
+
+impl Serialize for Diagnostic {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        json!({
+            "level": self.level,
+            "file": &*self.location.file,
+            "line": self.location.line,
+            "column": self.location.column,
+            "width": self.width,
+            "message": self.message,
+            "hint": self.hint,
+            "source": self.excerpt,
+        })
+        .serialize(serializer)
+    }
+}
+
+/// Collects the findings of one file.
+#[derive(Debug)]
+pub struct Reporter {
+    source: Arc<Source>,
+    findings: Vec<Diagnostic>,
+}
+
+impl Reporter {
+    /// A reporter for `source`.
+    #[must_use]
+    pub const fn new(source: Arc<Source>) -> Self {
+        Self { source, findings: Vec::new() }
+    }
+
+    /// An error at `span`; the result takes a hint.
+    pub fn error(&mut self, span: Span, message: impl Into<String>) -> &mut Diagnostic {
+        self.report(Level::Error, span, message)
+    }
+
+    /// A warning at `span`; the result takes a hint.
+    pub fn warning(&mut self, span: Span, message: impl Into<String>) -> &mut Diagnostic {
+        self.report(Level::Warning, span, message)
+    }
+
+    /// A note at `span`; the result takes a hint.
+    pub fn note(&mut self, span: Span, message: impl Into<String>) -> &mut Diagnostic {
+        self.report(Level::Note, span, message)
+    }
+
+    /// The note for what is read and validated, but does nothing yet.
+    pub fn not_active(&mut self, span: Span, what: &str) {
+        self.note(span, format!("{what}: not active yet")).hint =
+            Some("it is read and checked, and has no effect in this version".to_owned());
+    }
+
+    /// A place to come back to.
+    #[must_use]
+    pub fn spot(&self, span: Span) -> Spot {
+        Spot { source: Arc::clone(&self.source), span }
+    }
+
+    /// The text of an element as a word.
+    #[must_use]
+    pub fn text_word(&self, element: &Element) -> Word {
+        Word { text: element.text.clone(), spot: self.spot(element.text_span) }
+    }
+
+    /// The value of an attribute as a word; empty, at the element's name, without one.
+    #[must_use]
+    pub fn value_word(&self, element: &Element, name: &str) -> Word {
+        match element.attribute(name) {
+            Some(found) => Word { text: found.value.clone(), spot: self.spot(found.value_span) },
+            None => Word { text: String::new(), spot: self.spot(element.name_span) },
+        }
+    }
+
+    /// The words of a list in an attribute, each with its own place.
+    #[must_use]
+    pub fn value_words(&self, element: &Element, name: &str) -> Vec<Word> {
+        let Some(found) = element.attribute(name) else { return Vec::new() };
+        let mut words = Vec::new();
+        let mut offset = 0;
+        for text in found.value.split_whitespace() {
+            let at = found.value.get(offset..).and_then(|rest| rest.find(text)).map_or(offset, |at| offset + at);
+            let span = Span::new(found.value_span.start as usize + at, text.len());
+            words.push(Word { text: text.to_owned(), spot: self.spot(span) });
+            offset = at + text.len();
+        }
+        words
+    }
+
+    /// File, line and column of `span`.
+    #[must_use]
+    pub fn location(&self, span: Span) -> Location {
+        self.source.location(span)
+    }
+
+    /// All findings.
+    #[must_use]
+    pub fn into_findings(self) -> Vec<Diagnostic> {
+        self.findings
+    }
+
+    fn report(&mut self, level: Level, span: Span, message: impl Into<String>) -> &mut Diagnostic {
+        self.findings.push(Diagnostic::at(level, &self.source, span, message));
+        let last = self.findings.len() - 1;
+        &mut self.findings[last]
+    }
+}
+
+/// Sorts by file (in the order given by `rank`), line and column, removes repetitions, and cuts what is beyond the limit.
+pub fn tidy(diagnostics: &mut Vec<Diagnostic>, rank: impl Fn(&Path) -> usize) {
+    diagnostics.sort_by_key(|found| {
+        let Location { file, line, column } = &found.location;
+        (rank(file), *line, *column, found.level)
+    });
+    diagnostics.dedup();
+    let beyond = diagnostics.len().saturating_sub(limits::DIAGNOSTICS);
+    if beyond == 0 {
+        return;
+    }
+    // Errors must not be cut away behind notes, or a refused profile would look accepted.
+    diagnostics.sort_by_key(|found| found.level);
+    diagnostics.truncate(limits::DIAGNOSTICS);
+    if let Some(last) = diagnostics.last().cloned() {
+        let message = format!("{beyond} more findings are not shown");
+        diagnostics.push(Diagnostic::of_file(Level::Note, &last.location.file, message));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_caret_stands_under_the_span_even_behind_tabs_and_wide_letters() {
+        let source = Source::from_text(Path::new("a.xml"), "\t가<nam>\n".to_owned());
+        let found = Diagnostic::at(Level::Error, &source, Span::new(5, 3), "unknown").with_hint("did you mean <name>?");
+        let expected =
+            "a.xml:1:4: error: unknown\n     1 | \t가<nam>\n       | \t\u{3000} ^^^\n       = did you mean <name>?";
+        assert_eq!(found.to_string(), expected);
+    }
+
+    #[test]
+    fn a_line_without_end_is_cut_around_the_caret() {
+        let source = Source::from_text(Path::new("a.xml"), format!("{}<x>{}", "a".repeat(5000), "b".repeat(5000)));
+        let text = Diagnostic::at(Level::Error, &source, Span::new(5001, 1), "m").to_string();
+        assert!(text.lines().all(|line| line.chars().count() < 200), "{text}");
+        assert!(text.contains("<x>"));
+    }
+}

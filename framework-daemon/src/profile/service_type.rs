@@ -1,0 +1,58 @@
+//! `service_port_type_profile`: interfaces of service ports.
+
+use serde::Serialize;
+
+use super::diagnostic::Reporter;
+use super::xml::Element;
+
+/// An interface.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Interface {
+    /// Its type name.
+    pub name: String,
+    /// Its methods, in order.
+    pub methods: Vec<Method>,
+}
+
+/// A method.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Method {
+    /// Its name.
+    pub name: String,
+    /// Type of its result.
+    pub return_type: String,
+    /// False for `nonblocking`.
+    pub blocking: bool,
+    /// Its parameters, in order: type and name.
+    pub parameters: Vec<(String, String)>,
+}
+
+/// Reads `<service_port_type_profile>`.
+pub fn read(root: &Element, report: &mut Reporter) -> Vec<Interface> {
+    root.children_of("service_port_type").map(|element| interface(element, report)).collect()
+}
+
+fn interface(element: &Element, report: &mut Reporter) -> Interface {
+    let mut methods: Vec<Method> = Vec::new();
+    for child in element.children_of("method") {
+        let method = method(child);
+        // Overloads are C++; the same name with the same parameters is a mistake.
+        let types = |method: &Method| method.parameters.iter().map(|(kind, _)| kind.clone()).collect::<Vec<_>>();
+        if methods.iter().any(|other| other.name == method.name && types(other) == types(&method)) {
+            let word = report.value_word(child, "name");
+            report.warning(word.spot.span, format!("method \"{}\" is already defined in this interface", method.name));
+        }
+        methods.push(method);
+    }
+    Interface { name: element.text_of("type_name").to_owned(), methods }
+}
+
+fn method(element: &Element) -> Method {
+    let parameter = |param: &Element| (param.text_of("type").to_owned(), param.text_of("name").to_owned());
+    Method {
+        name: element.value_of("name").to_owned(),
+        return_type: element.value_of("return_type").to_owned(),
+        blocking: element.value_of("call_type") != "nonblocking",
+        parameters: element.children_of("param").map(parameter).collect(),
+    }
+}

@@ -1,0 +1,385 @@
+//! What no file can tell alone: dependencies and their cycles, singletons, nodes, actuators, helpers.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+use std::sync::Arc;
+
+use super::application::{Assembly, Dependency, End, ReferenceModel, Voting};
+use super::assemble::{Assembler, Placed, Placement, Port, Scope, ports_of};
+use super::diagnostic::{Diagnostic, Level};
+use super::document::{Document, Profile};
+use super::files::Files;
+use super::load::system_plan;
+use super::plan::{
+    ApplicationDependencyPlan, DependencyPlan, MonitorPlan, Plan, PortKind, PortRef, ReferenceModelPlan, VotingPlan,
+};
+use super::source::{Spot, Word};
+use super::suggest;
+use super::system::SystemProfile;
+
+/// Who needs whom, and where that was written.
+type Edges = BTreeMap<String, Vec<(String, Spot)>>;
+
+/// Checks everything that spans files and puts the plan together.
+pub fn finish(
+    dir: &Path,
+    system: Option<&Document>,
+    applications: &[Arc<Document>],
+    assembler: Assembler,
+    findings: &mut Vec<Diagnostic>,
+) -> Plan {
+    let plan = empty_plan(dir, system);
+    let mut validator = Validator { assembler, plan };
+    validator.applications(applications);
+    validator.singletons();
+    validator.placements();
+    validator.nodes(applications);
+    if let Some(Profile::System(profile)) = system.and_then(|document| document.profile.as_ref()) {
+        validator.system(profile, applications);
+    }
+    let Validator { assembler, mut plan } = validator;
+    plan.slots = assembler.slots;
+    plan.connections = assembler.connections;
+    findings.extend(assembler.findings);
+    plan
+}
+
+/// Checks the names inside an application or a composite whose references are not followed.
+#[must_use]
+pub fn names_alone(document: &Arc<Document>) -> Vec<Diagnostic> {
+    let mut assembler = Assembler::alone();
+    assembler.application(&mut Files::default(), document);
+    let mut validator = Validator { assembler, plan: empty_plan(Path::new(""), None) };
+    validator.placements();
+    validator.assembler.findings
+}
+
+fn empty_plan(dir: &Path, system: Option<&Document>) -> Plan {
+    Plan {
+        root: dir.to_path_buf(),
+        system: system_plan(system),
+        applications: Vec::new(),
+        slots: Vec::new(),
+        connections: Vec::new(),
+        dependencies: Vec::new(),
+        order: Vec::new(),
+        monitors: Vec::new(),
+        reference_models: Vec::new(),
+        votings: Vec::new(),
+    }
+}
+
+struct Validator {
+    assembler: Assembler,
+    plan: Plan,
+}
+
+impl Validator {
+    fn applications(&mut self, applications: &[Arc<Document>]) {
+        for name in applications.iter().filter_map(|document| name_of(document)) {
+            if self.plan.applications.contains(&name.text) {
+                let message = format!("application \"{}\" is already in this directory", name.text);
+                self.assembler.error(&name.spot, message, "give each application a name of its own");
+                continue;
+            }
+            self.plan.applications.push(name.text.clone());
+        }
+    }
+
+    /// A singleton keeps its state in the library: two instances would share it.
+    fn singletons(&mut self) {
+        let mut users: HashMap<&str, &str> = HashMap::new();
+        let mut found = Vec::new();
+        for slot in self.assembler.slots.iter().filter(|slot| slot.component.execution.singleton) {
+            if let Some(first) = users.get(slot.component.name.as_str()) {
+                let message = format!("{} is a singleton and already fills the slot \"{first}\"", slot.component.name);
+                found.push((slot.name.clone(), message));
+            } else {
+                users.insert(&slot.component.name, &slot.name);
+            }
+        }
+        for (slot, message) in found {
+            if let Some(spot) = self.assembler.declared_at(&slot) {
+                let hint = "use the class once, or say <creation_type>multiple</creation_type> in its profile";
+                self.assembler.error(&spot, message, hint);
+            }
+        }
+    }
+
+    /// The rules of every assembly, resolved among its own names.
+    fn placements(&mut self) {
+        let mut edges = Edges::new();
+        let mut order = Edges::new();
+        for placement in std::mem::take(&mut self.assembler.placements) {
+            let Placement { document, scope } = placement;
+            let (Some(Profile::Application(assembly)) | Some(Profile::Composite(assembly))) = &document.profile else {
+                continue;
+            };
+            for dependency in &assembly.dependencies {
+                self.dependency(dependency, &scope, &mut edges);
+            }
+            self.order(assembly, &scope, &mut order);
+            self.helpers(assembly, &scope);
+        }
+        self.refuse_cycles(&edges, "dependencies form a circle");
+        self.refuse_cycles(&order, "the run order forms a circle");
+    }
+
+    fn dependency(&mut self, dependency: &Dependency, scope: &Scope, edges: &mut Edges) {
+        let dependents = self.slots_called(&dependency.dependent, scope);
+        let mut on = Vec::new();
+        for word in &dependency.on {
+            for slot in self.slots_called(word, scope) {
+                for dependent in &dependents {
+                    edges.entry(dependent.clone()).or_default().push((slot.clone(), word.spot.clone()));
+                }
+                on.push(slot);
+            }
+        }
+        for slot in dependents {
+            let require = dependency.require.unwrap_or(on.len());
+            self.plan.dependencies.push(DependencyPlan {
+                slot,
+                on: on.clone(),
+                require,
+                location: dependency.spot.location(),
+            });
+        }
+    }
+
+    fn order(&mut self, assembly: &Assembly, scope: &Scope, edges: &mut Edges) {
+        for (source, target) in &assembly.order {
+            let (sources, targets) = (self.slots_called(source, scope), self.slots_called(target, scope));
+            for source in &sources {
+                for later in &targets {
+                    edges.entry(source.clone()).or_default().push((later.clone(), target.spot.clone()));
+                    self.plan.order.push((source.clone(), later.clone()));
+                }
+            }
+        }
+    }
+
+    /// The slots that a name of the assembly stands for: one, or all of a composite.
+    fn slots_called(&mut self, word: &Word, scope: &Scope) -> Vec<String> {
+        let indices = match scope.get(&word.text) {
+            Some(Placed::Slot(index)) => vec![*index],
+            Some(Placed::Composite(_, slots)) => slots.clone(),
+            Some(Placed::Broken) => Vec::new(),
+            None if word.text.is_empty() => Vec::new(),
+            None => {
+                self.assembler.unknown_slot(word, scope);
+                Vec::new()
+            }
+        };
+        indices.iter().filter_map(|index| self.assembler.slots.get(*index)).map(|slot| slot.name.clone()).collect()
+    }
+
+    fn helpers(&mut self, assembly: &Assembly, scope: &Scope) {
+        for monitor in &assembly.monitors {
+            let Some(port) = self.data_port(&monitor.port, scope) else { continue };
+            self.plan.monitors.push(MonitorPlan {
+                port,
+                validity: monitor.validity.clone(),
+                max_age: monitor.max_age,
+                location: monitor.port.component.spot.location(),
+            });
+        }
+        for model in &assembly.reference_models {
+            self.reference_model(model, scope);
+        }
+        for voting in &assembly.votings {
+            self.voting(voting, scope);
+        }
+    }
+
+    fn reference_model(&mut self, model: &ReferenceModel, scope: &Scope) {
+        let slots = self.slots_called(&model.component, scope);
+        let (input, target) = (self.dotted_port(&model.input, scope), self.dotted_port(&model.target, scope));
+        let (Some(slot), Some(input), Some(target)) = (slots.into_iter().next(), input, target) else { return };
+        self.plan.reference_models.push(ReferenceModelPlan {
+            slot,
+            input,
+            target,
+            field: model.field.clone(),
+            window: model.window,
+            threshold: model.threshold,
+            location: model.spot.location(),
+        });
+    }
+
+    fn voting(&mut self, voting: &Voting, scope: &Scope) {
+        let mut inputs: Vec<PortRef> = Vec::new();
+        for word in &voting.inputs {
+            let input = if scope.contains_key(&word.text) || !word.text.contains('.') {
+                self.slots_called(word, scope).into_iter().next().map(|slot| PortRef { slot, port: String::new() })
+            } else {
+                self.dotted_port(word, scope)
+            };
+            let Some(input) = input else { continue };
+            if inputs.contains(&input) {
+                let message = format!("\"{}\" votes twice", word.text);
+                self.assembler.error(&word.spot, message, "each input of a vote is another component's");
+            }
+            inputs.push(input);
+        }
+        self.plan.votings.push(VotingPlan {
+            inputs,
+            method: voting.method,
+            tolerance: voting.tolerance,
+            field: voting.field.clone(),
+            location: voting.spot.location(),
+        });
+    }
+
+    /// `slot.port`: the port is behind the last dot, since slots in composites have dots in their names.
+    fn dotted_port(&mut self, word: &Word, scope: &Scope) -> Option<PortRef> {
+        let Some((component, port)) = word.text.rsplit_once('.') else {
+            if !word.text.is_empty() {
+                let message = format!("\"{}\" names no port", word.text);
+                self.assembler.error(&word.spot, message, "write it as slot.port");
+            }
+            return None;
+        };
+        let part = |text: &str| Word { text: text.to_owned(), spot: word.spot.clone() };
+        self.data_port(&End { component: part(component), port: part(port) }, scope)
+    }
+
+    fn data_port(&mut self, end: &End, scope: &Scope) -> Option<PortRef> {
+        let ports: Vec<Port> = match scope.get(&end.component.text) {
+            Some(Placed::Slot(index)) => {
+                let slot = self.assembler.slots.get(*index)?;
+                ports_of(&slot.name, &slot.component)
+            }
+            Some(Placed::Composite(ports, _)) => ports.clone(),
+            Some(Placed::Broken) => return None,
+            None => {
+                self.assembler.unknown_slot(&end.component, scope);
+                return None;
+            }
+        };
+        let data: Vec<&Port> = ports.iter().filter(|port| port.kind == PortKind::Data).collect();
+        if let Some(found) = data.iter().find(|port| port.name == end.port.text) {
+            return Some(found.end.clone());
+        }
+        let names: Vec<&str> = data.iter().map(|port| port.name.as_str()).collect();
+        let hint = suggest::hint(&end.port.text, &names, str::to_owned)
+            .unwrap_or_else(|| format!("{} has no data ports", end.component.text));
+        let message = format!("{} has no data port \"{}\"", end.component.text, end.port.text);
+        self.assembler.error(&end.port.spot, message, &hint);
+        None
+    }
+
+    /// Without declared nodes `node_id` is what OPRoS left there; with them it must name one.
+    fn nodes(&mut self, applications: &[Arc<Document>]) {
+        if self.plan.system.nodes.is_empty() {
+            return;
+        }
+        let names: Vec<String> = self.plan.system.nodes.iter().map(|node| node.name.clone()).collect();
+        for document in applications {
+            let Some(Profile::Application(assembly)) = &document.profile else { continue };
+            for slot in assembly.subcomponents.iter().filter(|slot| !slot.node.text.is_empty()) {
+                if names.contains(&slot.node.text) {
+                    continue;
+                }
+                let known: Vec<&str> = names.iter().map(String::as_str).collect();
+                let hint = suggest::hint(&slot.node.text, &known, str::to_owned).unwrap_or_default();
+                let message = format!("node \"{}\" is not declared", slot.node.text);
+                self.assembler.error(&slot.node.spot, message, &hint);
+            }
+        }
+    }
+
+    fn system(&mut self, profile: &SystemProfile, applications: &[Arc<Document>]) {
+        let all_read = applications.iter().all(|document| document.accepted());
+        for actuator in &profile.actuators {
+            if self.assembler.slots.iter().any(|slot| slot.name == actuator.text) {
+                self.plan.system.emergency.push(actuator.text.clone());
+                continue;
+            }
+            // A slot of a broken application is not missing, only not known.
+            if all_read {
+                let names: Vec<&str> = self.assembler.slots.iter().map(|slot| slot.name.as_str()).collect();
+                let hint = suggest::hint(&actuator.text, &names, str::to_owned).unwrap_or_default();
+                self.assembler.error(&actuator.spot.clone(), format!("no slot is called \"{}\"", actuator.text), &hint);
+            }
+        }
+        let mut edges = Edges::new();
+        for dependency in &profile.application_dependencies {
+            self.application_dependency(dependency, &mut edges);
+        }
+        self.refuse_cycles(&edges, "dependencies of applications form a circle");
+    }
+
+    fn application_dependency(&mut self, dependency: &Dependency, edges: &mut Edges) {
+        for word in dependency.on.iter().chain([&dependency.dependent]).filter(|word| !word.text.is_empty()) {
+            if !self.plan.applications.contains(&word.text) {
+                let names: Vec<&str> = self.plan.applications.iter().map(String::as_str).collect();
+                let hint = suggest::hint(&word.text, &names, str::to_owned).unwrap_or_default();
+                self.assembler.error(&word.spot, format!("no application is called \"{}\"", word.text), &hint);
+            }
+        }
+        let dependent = &dependency.dependent.text;
+        for word in &dependency.on {
+            edges.entry(dependent.clone()).or_default().push((word.text.clone(), word.spot.clone()));
+        }
+        self.plan.system.dependencies.push(ApplicationDependencyPlan {
+            application: dependent.clone(),
+            on: dependency.on.iter().map(|word| word.text.clone()).collect(),
+            require: dependency.require.unwrap_or(dependency.on.len()),
+            location: dependency.spot.location(),
+        });
+    }
+
+    fn refuse_cycles(&mut self, edges: &Edges, what: &str) {
+        for (path, spot) in cycles(edges) {
+            let message = format!("{what}: {}", path.join(" -> "));
+            self.assembler.findings.push(
+                spot.diagnostic(Level::Error, message)
+                    .with_hint("remove one of these edges: nothing in a circle can stop first"),
+            );
+        }
+    }
+}
+
+fn name_of(document: &Document) -> Option<&Word> {
+    match &document.profile {
+        Some(Profile::Application(assembly)) if !assembly.name.text.is_empty() => Some(&assembly.name),
+        _ => None,
+    }
+}
+
+/// Each circle once, as the path from its first member back to it, with the edge that closes it.
+///
+/// Depth first with a stack of its own: a chain of ten thousand dependencies must not end the thread's stack.
+fn cycles(edges: &Edges) -> Vec<(Vec<String>, Spot)> {
+    let mut done: HashMap<&str, bool> = HashMap::new();
+    let mut found = Vec::new();
+    for start in edges.keys() {
+        if done.contains_key(start.as_str()) {
+            continue;
+        }
+        let mut path: Vec<(&str, usize)> = vec![(start, 0)];
+        done.insert(start, false);
+        while let Some((node, next)) = path.last_mut() {
+            let Some((target, spot)) = edges.get(*node).and_then(|targets| targets.get(*next)) else {
+                done.insert(node, true);
+                path.pop();
+                continue;
+            };
+            *next += 1;
+            match done.get(target.as_str()) {
+                Some(true) => {}
+                Some(false) => {
+                    let from = path.iter().position(|(node, _)| *node == target).unwrap_or(0);
+                    let names = path.iter().skip(from).map(|(node, _)| (*node).to_owned());
+                    found.push((names.chain([target.clone()]).collect(), spot.clone()));
+                }
+                None => {
+                    done.insert(target, false);
+                    path.push((target, 0));
+                }
+            }
+        }
+    }
+    found
+}

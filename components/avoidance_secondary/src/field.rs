@@ -41,15 +41,15 @@ impl Force {
 }
 
 /// What all echoes together push: nothing beyond `reach`, as much as the course pulls at about half of it. `body` is the radius of
-/// the robot; both in m from its centre. What stands in the way of `course` (rad) pushes to the side that is nearer to it, too: a
-/// force straight back would only stop the robot.
+/// the robot; both in m from its centre. What stands in the way of `course` (rad) pushes to `side` (1 left, -1 right), too: a force
+/// straight back would only stop the robot.
 #[must_use]
 pub fn repulsion(ranges: &Ranges, body: f64, reach: f64, course: f64, side: f64) -> Force {
     ring::echoes(ranges)
         .map(|(bearing, distance)| {
             let strength = push(distance - body, reach - body);
             let in_the_way = angle::wrap(bearing - course).cos().max(0.0);
-            let aside = Force::towards(bearing + side * FRAC_PI_2, strength * in_the_way);
+            let aside = Force::towards(bearing + FRAC_PI_2, side * strength * in_the_way);
             Force::towards(bearing, -strength).plus(aside)
         })
         .fold(Force::default(), Force::plus)

@@ -43,6 +43,8 @@ pub struct Scenario {
     pub avoider: fn(f64) -> Avoider,
     /// Whether commands reach the board at a time (s).
     pub commands_pass: fn(f64) -> bool,
+    /// Whether the odometry starts anew at a time (s), asked every 50 ms.
+    pub odometry_restarts: fn(f64) -> bool,
     /// How careful the primary is.
     pub primary: primary::Settings,
     /// How careful the secondary is.
@@ -62,6 +64,7 @@ impl Scenario {
             seed,
             avoider: |_| Avoider::Primary,
             commands_pass: |_| true,
+            odometry_restarts: |_| false,
             primary: primary::Settings::default(),
             secondary: secondary::Settings::default(),
             planner: PlannerSettings { goal: Some((8.4, 0.0)), ..PlannerSettings::default() },
@@ -145,6 +148,10 @@ impl Robot {
         self.listen();
         self.look(now);
         if number % 5 == 0 {
+            if (scenario.odometry_restarts)(now) {
+                self.odometer = Odometer::default();
+            }
+            self.planner.follow(&self.pose(), now);
             self.course = self.planner.course(&self.pose(), now, &scenario.planner);
         }
         if number % 2 == 0 {

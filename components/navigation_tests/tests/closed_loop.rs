@@ -49,6 +49,11 @@ fn gaps_of_100_ms_in_the_commands_do_no_harm() {
     every_seed(|scenario| scenario.commands_pass = |now| now % 1.5 > 0.1);
 }
 
+#[test]
+fn an_odometry_that_starts_anew_costs_nothing() {
+    every_seed(|scenario| scenario.odometry_restarts = |now| (now * 20.0).round() as u32 % 97 == 96);
+}
+
 /// A pocket between start and target, open towards the robot and deeper than its echoes look: a local minimum for any avoider.
 const DEAD_END: &str = r#"{
   "name": "dead end",

@@ -3,6 +3,8 @@
 //! Decision: one variance for both axes (a scalar Kalman gain) and a gate against outliers. Not chosen: a full two-dimensional
 //! covariance; the robot drives along the line of sight, so the error across it is what counts and bearings are good anyway.
 
+use robot_objects::angle;
+
 /// A place and direction in the odometry's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
@@ -12,6 +14,20 @@ pub struct Pose {
     pub y: f64,
     /// Direction in rad.
     pub heading: f64,
+}
+
+/// Faster than this no robot of this kind moves (m/s) or turns (rad/s).
+const TOP_SPEED: [f64; 2] = [2.0, 4.0];
+/// Steps smaller than this say nothing about speed, in m and rad.
+const SLACK: f64 = 0.1;
+
+impl Pose {
+    /// Whether nobody gets from here to `other` within `elapsed` s.
+    #[must_use]
+    pub fn is_beyond_reach_of(&self, other: &Self, elapsed: f64) -> bool {
+        let [speed, turn] = TOP_SPEED.map(|top| SLACK + top * elapsed.max(0.0));
+        (other.x - self.x).hypot(other.y - self.y) > speed || angle::wrap(other.heading - self.heading).abs() > turn
+    }
 }
 
 /// An estimate of the target's place.
@@ -69,6 +85,13 @@ impl Estimate {
         if self.rejected >= CONTRADICTIONS {
             *self = Self::first(pose, bearing, distance, now);
         }
+    }
+
+    /// The same place seen from the robot, when the robot's pose `before` is called `after` from now on.
+    #[must_use]
+    pub fn carried(mut self, before: &Pose, after: &Pose) -> Self {
+        (self.x, self.y) = place(after, self.bearing(before), self.distance(before));
+        self
     }
 
     /// Distance from `pose` in m.

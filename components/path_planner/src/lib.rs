@@ -58,6 +58,7 @@ impl Callbacks for PathPlanner {
             self.course.write(Motion::STOP.into());
             return Ok(());
         };
+        self.planner.follow(&place, now);
         if let Some(seen) = self.target.fresh().filter(|seen| seen.found) {
             self.planner.sight(&place, seen.bearing, seen.distance, now);
         }

@@ -71,6 +71,8 @@ pub struct Planner {
     told: bool,
     near_since: Option<f64>,
     search: Search,
+    /// Last pose, and when it was (s).
+    last: Option<(Pose, f64)>,
 }
 
 /// Memory of a search: turn once around, then go a leg, then again.
@@ -91,6 +93,17 @@ impl Planner {
             // What one sees beats what one was told, however far apart they are.
             Some(estimate) if estimate.last_seen.is_some() => estimate.refine(pose, bearing, distance, now),
             target => *target = Some(Estimate::first(pose, bearing, distance, now)),
+        }
+    }
+
+    /// Keeps what is known where it is when the odometry starts anew: a step that no robot can make means that its frame has
+    /// moved. To be called with each pose, before [`Planner::sight`] and [`Planner::course`].
+    pub fn follow(&mut self, pose: &Pose, now: f64) {
+        if let Some((before, then)) = self.last.replace((*pose, now))
+            && before.is_beyond_reach_of(pose, now - then)
+        {
+            self.target = self.target.map(|target| target.carried(&before, pose));
+            self.search.last = None;
         }
     }
 
@@ -206,6 +219,18 @@ mod tests {
         assert!(near.forward < 0.3 && near.forward > 0.1);
         assert_eq!(planner.course(&at(x - 0.55, y, 0.0), 2.0, &settings()), Motion::STOP);
         assert_eq!(planner.progress(), Progress::Arrived);
+    }
+
+    #[test]
+    fn an_odometry_that_starts_anew_does_not_move_the_target() {
+        let mut planner = Planner::default();
+        planner.follow(&at(4.0, 1.0, 0.7), 0.0);
+        planner.sight(&at(4.0, 1.0, 0.7), 0.2, 3.0, 0.0);
+        planner.follow(&at(4.02, 1.0, 0.75), 0.05);
+        let before = planner.course(&at(4.02, 1.0, 0.75), 0.05, &settings());
+        planner.follow(&at(0.0, 0.0, 0.0), 0.1);
+        let after = planner.course(&at(0.0, 0.0, 0.0), 0.1, &settings());
+        assert!((before.bearing() - after.bearing()).abs() < 1e-9 && before.forward == after.forward);
     }
 
     #[test]

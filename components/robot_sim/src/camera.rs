@@ -2,7 +2,7 @@
 //! obstacles.
 //!
 //! Decision: a column renderer in the manner of the early first-person games. It has everything a colour detector can
-//! trip over (perspective, occlusion, shading, noise) at 0.2 ms a frame; a real renderer would bring a graphics stack
+//! trip over (perspective, occlusion, shading, noise) at half a millisecond a frame; a real renderer would bring a graphics stack
 //! into a test program.
 
 use std::time::Duration;
@@ -25,6 +25,8 @@ pub const FORWARD_M: f64 = 0.15;
 /// How high the camera sits, in metres.
 pub const ABOVE_FLOOR_M: f64 = 0.30;
 
+/// Row of the horizon: the camera is level.
+const HORIZON: f64 = (HEIGHT as f64 - 1.0) / 2.0;
 const REACH_M: f64 = 30.0;
 const FLOOR: [Colour; 2] = [[150, 146, 136], [138, 134, 125]];
 const TILE_M: f64 = 0.5;
@@ -72,8 +74,7 @@ pub fn render(scene: &Scene, pose: Pose, noise: &mut Noise) -> Vec<u8> {
         let aside = ((WIDTH as f64 - 1.0) / 2.0 - x as f64) / focal_pixels();
         let view = Column { eye, angle: pose.theta + aside.atan(), shortening: aside.atan().cos() };
         scene.along(eye, view.angle, REACH_M, &mut hits);
-        for y in 0..HEIGHT {
-            let colour = view.colour(scene, &hits, y);
+        for (y, colour) in view.rows(scene, &hits).into_iter().enumerate() {
             let at = (y * WIDTH + x) * 3;
             rgb[at..at + 3].copy_from_slice(&grainy(colour, noise));
         }
@@ -91,16 +92,23 @@ struct Column {
 }
 
 impl Column {
-    fn colour(&self, scene: &Scene, hits: &[Hit], y: usize) -> [f64; 3] {
-        // Upwards from the horizon, per metre of depth.
-        let slope = ((HEIGHT as f64 - 1.0) / 2.0 - y as f64) / focal_pixels();
-        let height_at = |hit: &Hit| ABOVE_FLOOR_M + slope * hit.distance * self.shortening;
-        let seen = hits.iter().rev().find(|hit| (0.0..scene.bodies()[hit.body].height).contains(&height_at(hit)));
-        match seen {
-            Some(hit) => shaded(scene.bodies()[hit.body].colour, hit.distance, 0.6 + 0.4 * hit.squareness),
-            None if slope < 0.0 => self.floor(ABOVE_FLOOR_M / -slope / self.shortening),
-            None => SKY.map(f64::from),
+    /// The column's pixels from the top; `hits` from far to near.
+    fn rows(&self, scene: &Scene, hits: &[Hit]) -> [[f64; 3]; HEIGHT] {
+        let mut rows = [SKY.map(f64::from); HEIGHT];
+        for (y, row) in rows.iter_mut().enumerate().skip(HEIGHT / 2) {
+            let drop_per_metre = (y as f64 - HORIZON) / focal_pixels();
+            *row = self.floor(ABOVE_FLOOR_M / drop_per_metre / self.shortening);
         }
+        for hit in hits {
+            let body = &scene.bodies()[hit.body];
+            let pixels_per_metre = focal_pixels() / (hit.distance * self.shortening).max(1e-3);
+            let top = HORIZON - (body.height - ABOVE_FLOOR_M) * pixels_per_metre;
+            let bottom = HORIZON + ABOVE_FLOOR_M * pixels_per_metre;
+            // The casts end at 0; a wall lower than the camera's view begins below the horizon.
+            let (top, bottom) = (top.ceil() as usize, (bottom.floor() as usize + 1).min(HEIGHT));
+            rows[top.min(bottom)..bottom].fill(shaded(body.colour, hit.distance, 0.6 + 0.4 * hit.squareness));
+        }
+        rows
     }
 
     fn floor(&self, distance: f64) -> [f64; 3] {

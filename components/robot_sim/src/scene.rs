@@ -122,6 +122,10 @@ impl Body {
     /// Signed distance from `place` to the surface (metres, negative inside) and the way out (radians).
     fn depth(&self, place: Point) -> (f64, f64) {
         let onto = self.shape.project_point(&self.placement, vector(place), false);
+        if !onto.point.is_finite() {
+            // The very centre of a circle has no nearest point; a place beside it has.
+            return self.depth(Point { x: place.x + 1e-3, ..place });
+        }
         let surface = Point { x: f64::from(onto.point.x), y: f64::from(onto.point.y) };
         if onto.is_inside {
             (-place.distance(surface), place.bearing(surface))

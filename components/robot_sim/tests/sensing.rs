@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 use std::time::Duration;
 
 use board_protocol::Telemetry;
-use robot_sim::camera::{HEIGHT, WIDTH, focal_pixels};
+use robot_sim::camera::{Frame, HEIGHT, WIDTH, focal_pixels};
 use robot_sim::geometry::{Point, Pose};
 use robot_sim::scene::Scene;
 use robot_sim::world::WorldError;
@@ -79,15 +79,17 @@ fn ring_telemetry_is_noisy_in_range_and_drops_out_now_and_then() {
     assert!((60..400).contains(&silent), "one echo in eighty of 14400 lost, got {silent}");
 }
 
+/// Whether the target is seen in column `x`, in a row above the obstacles.
+fn is_red(picture: &Frame, x: usize) -> bool {
+    let [red, green, blue] = picture.pixel(x, HEIGHT / 2 - 15);
+    red / 2 > green.max(blue)
+}
+
 #[test]
 fn the_camera_sees_the_target_over_the_obstacle() {
     let mut robot = Simulation::new(room(), 1);
     let picture = robot.camera_frame().unwrap();
-    let is_red = |x: usize, y: usize| {
-        let [r, g, b] = picture.pixel(x, y);
-        r > 2 * g.max(1) && r > 2 * b.max(1)
-    };
-    let red: Vec<usize> = (0..WIDTH).filter(|x| is_red(*x, HEIGHT / 2 - 15)).collect();
+    let red: Vec<usize> = (0..WIDTH).filter(|x| is_red(&picture, *x)).collect();
     let centre = red.iter().sum::<usize>() as f64 / red.len() as f64;
     assert!((centre - (WIDTH as f64 - 1.0) / 2.0).abs() < 1.0, "straight ahead, got {centre}");
     let width = 2.0 * 0.2 / (5.0 - 1.15) * focal_pixels();
@@ -102,7 +104,7 @@ fn a_target_on_the_left_is_on_the_left_of_the_picture() {
     let mut world = room();
     world.start.theta = -20.0;
     let picture = Simulation::new(world, 1).camera_frame().unwrap();
-    let red = (0..WIDTH).find(|x| picture.pixel(*x, HEIGHT / 2 - 15)[0] > 2 * picture.pixel(*x, HEIGHT / 2 - 15)[1]);
+    let red = (0..WIDTH).find(|x| is_red(&picture, *x));
     assert!(red.is_some_and(|x| x < WIDTH / 2));
 }
 

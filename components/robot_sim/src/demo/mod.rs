@@ -16,6 +16,7 @@ pub mod run;
 pub mod schedule;
 pub mod svg;
 pub mod table;
+mod watch;
 
 use std::io;
 use std::path::{Path, PathBuf};

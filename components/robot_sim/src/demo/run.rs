@@ -2,26 +2,20 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use super::DemoError;
-use super::follow::Follower;
-use super::journal::{Fault, merge};
 use super::process::Process;
 use super::profile::{self, Changes};
-use super::progress::{Progress, Standing};
+use super::progress::Progress;
 use super::report::Report;
 use super::schedule::Injection;
+use super::watch::Watch;
 use crate::serve::mono_ns;
-use crate::serve::record::{End, Moment, Record};
-use crate::world::World;
 
 const SIMULATOR_PATIENCE: Duration = Duration::from_secs(5);
 const DAEMON_PATIENCE: Duration = Duration::from_secs(20);
-const LOOK_PERIOD: Duration = Duration::from_millis(100);
-/// After the arrival, so that the journal can complete its last entry before the daemon is asked to end.
-const SETTLE: Duration = Duration::from_millis(300);
 /// The simulator goes on playing the board for this long while the daemon ends: a board that vanishes first would be
 /// one more fault, and not one of the demo's.
 const LINGER_S: &str = "30";
@@ -64,14 +58,13 @@ pub fn run(settings: &Settings, stop: &AtomicBool, progress: &mut Progress) -> R
     let mut daemon = start_daemon(settings, &place)?;
     let ready_ns = mono_ns();
     progress.say("  daemon ready, robot under way");
-    let mut watch = Watch::new(&place, ready_ns);
-    let mut complaints = watch.until_over(settings, stop, progress, &mut simulator, &mut daemon)?;
-    watch.over_ns = mono_ns();
+    let mut watch = Watch::new(&place.record(), &place.journal(), ready_ns);
+    let mut complaints = watch.until_over(settings.timeout, stop, progress, (&mut simulator, &mut daemon))?;
     complaints.extend(end_daemon(&mut daemon));
     simulator.end();
     watch.look(progress);
     progress.clear();
-    watch.report(settings, complaints)
+    watch.report(&settings.schedule, complaints)
 }
 
 /// Where the files of a run are.
@@ -157,113 +150,5 @@ fn end_daemon(daemon: &mut Process) -> Option<String> {
         Some(status) if status.success() => None,
         Some(status) => Some(format!("the daemon ended with {status}; its last words:\n{}", daemon.last_words())),
         None => Some("the daemon did not end after SIGTERM and was killed".into()),
-    }
-}
-
-/// What has been seen so far.
-struct Watch {
-    records: Follower,
-    journal: Follower,
-    world: Option<World>,
-    track: Vec<Moment>,
-    end: Option<End>,
-    faults: Vec<Fault>,
-    told: usize,
-    ready_ns: u64,
-    over_ns: u64,
-}
-
-impl Watch {
-    fn new(place: &Place, ready_ns: u64) -> Self {
-        Self {
-            records: Follower::new(&place.record()),
-            journal: Follower::new(&place.journal()),
-            world: None,
-            track: Vec::new(),
-            end: None,
-            faults: Vec::new(),
-            told: 0,
-            ready_ns,
-            over_ns: ready_ns,
-        }
-    }
-
-    /// Watches until the robot arrives, time is up or a process ends; returns complaints.
-    fn until_over(
-        &mut self,
-        settings: &Settings,
-        stop: &AtomicBool,
-        progress: &mut Progress,
-        simulator: &mut Process,
-        daemon: &mut Process,
-    ) -> Result<Vec<String>, DemoError> {
-        let begin = Instant::now();
-        loop {
-            self.look(progress);
-            progress.show(self.standing());
-            if stop.load(Ordering::Relaxed) {
-                return Err(DemoError::Interrupted);
-            }
-            if self.end.is_some() {
-                std::thread::sleep(SETTLE);
-                return Ok(Vec::new());
-            }
-            if let Some(status) = daemon.ended() {
-                return Ok(vec![format!("the daemon ended on the way ({status})")]);
-            }
-            if let Some(status) = simulator.ended() {
-                return Ok(vec![format!("the simulator ended on the way ({status}): {}", simulator.last_words())]);
-            }
-            if begin.elapsed() > settings.timeout {
-                return Ok(vec![format!("not there after {} s", settings.timeout.as_secs())]);
-            }
-            std::thread::sleep(LOOK_PERIOD);
-        }
-    }
-
-    fn look(&mut self, progress: &mut Progress) {
-        for record in self.records.look::<Record>() {
-            match record {
-                Record::Start { world, .. } => self.world = Some(world),
-                Record::Truth(moment) => self.track.push(moment),
-                Record::End(end) => self.end = Some(end),
-            }
-        }
-        merge(&mut self.faults, self.journal.look());
-        for fault in &self.faults[self.told..] {
-            progress.fault((fault.mono_ns as f64 - self.ready_ns as f64) / 1e9, fault);
-        }
-        self.told = self.faults.len();
-    }
-
-    fn standing(&self) -> Standing {
-        Standing {
-            seconds: mono_ns().saturating_sub(self.ready_ns) as f64 / 1e9,
-            moment: self.track.last().copied(),
-            start_m: self.track.first().map_or(0.0, |moment| moment.target_m),
-            faults: self.faults.iter().filter(|fault| !fault.ignored()).count(),
-            recovered: self.faults.iter().filter(|fault| fault.recovered()).count(),
-        }
-    }
-
-    fn report(mut self, settings: &Settings, complaints: Vec<String>) -> Result<Report, DemoError> {
-        // What the daemon reports while it is being ended is about the end, not about the run.
-        self.faults.retain(|fault| fault.mono_ns <= self.over_ns);
-        self.faults.sort_by_key(|fault| fault.mono_ns);
-        let world = self.world.ok_or_else(|| DemoError::NotReady {
-            program: "the simulator",
-            what: "recorded nothing".into(),
-            words: String::new(),
-        })?;
-        Ok(Report {
-            world,
-            track: self.track,
-            end: self.end,
-            faults: self.faults,
-            schedule: settings.schedule.clone(),
-            ready_ns: self.ready_ns,
-            over_ns: self.over_ns,
-            complaints,
-        })
     }
 }

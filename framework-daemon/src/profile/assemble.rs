@@ -67,6 +67,12 @@ pub struct Assembler {
     pub(super) called: HashSet<PortRef>,
     /// Where each slot was declared first.
     declared: HashMap<String, Spot>,
+    /// True where a limit of the whole plan was met: ten composites of ten composites of ... would never end.
+    pub(super) exhausted: bool,
+    /// How many composites are placed.
+    composites: usize,
+    /// How many properties all slots have.
+    properties: usize,
     /// True where references are not followed.
     alone: bool,
     application: String,
@@ -121,6 +127,9 @@ impl Assembler {
     }
 
     fn subcomponent(&mut self, files: &mut Files, from: &Path, slot: &Subcomponent, prefix: &str) -> Placed {
+        if self.exhausted {
+            return Placed::Broken;
+        }
         let Some((index, document)) = self.follow(files, from, &slot.reference) else { return Placed::Broken };
         match &document.profile {
             Some(Profile::Component(component)) => self.slot(files, from, slot, component, prefix),
@@ -175,11 +184,22 @@ impl Assembler {
             self.error(&slot.reference.spot, message, "flatten some of them");
             return Placed::Broken;
         }
+        self.composites += 1;
+        if self.composites > limits::COMPOSITES {
+            return self.exhaust(slot, &format!("more than {} composites", limits::COMPOSITES));
+        }
         self.warn_of_ignored_rules(slot);
         self.open.push((index, inner.name.text.clone()));
         let (exports, slots) = self.place(files, document, inner, &format!("{prefix}{}.", slot.name.text));
         self.open.pop();
         Placed::Composite(exports, slots)
+    }
+
+    /// Reports a limit of the whole plan, once.
+    fn exhaust(&mut self, slot: &Subcomponent, message: &str) -> Placed {
+        self.exhausted = true;
+        self.error(&slot.name.spot, format!("{message} in one directory"), "split the system into several directories");
+        Placed::Broken
     }
 
     /// A composite is no slot: what only a slot can have would be lost without a word.
@@ -206,8 +226,11 @@ impl Assembler {
     ) -> Placed {
         let name = format!("{prefix}{}", slot.name.text);
         if self.slots.len() >= limits::SLOTS {
-            self.error(&slot.name.spot, format!("more than {} slots", limits::SLOTS), "split the system");
-            return Placed::Broken;
+            return self.exhaust(slot, &format!("more than {} slots", limits::SLOTS));
+        }
+        self.properties += component.plan.properties.len();
+        if self.properties > limits::PROPERTIES {
+            return self.exhaust(slot, &format!("more than {} properties", limits::PROPERTIES));
         }
         if let Some(first) = self.declared.get(&name) {
             let Location { file, line, .. } = first.location();

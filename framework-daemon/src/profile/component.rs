@@ -60,7 +60,7 @@ pub fn read(root: &Element, report: &mut Reporter) -> ComponentProfile {
     let semantics = root.child("execution_semantics").cloned().unwrap_or_default();
     let mut missing_period = None;
     let execution = execution(&semantics, &mut missing_period, report);
-    check_unique(root, report);
+    check_ports(root, report);
     note_state_machine(root, report);
     let plan = ComponentPlan {
         name: root.text_of("name").to_owned(),
@@ -249,7 +249,11 @@ fn check_property_type(element: &Element, property: &Property, report: &mut Repo
     }
 }
 
-fn check_unique(root: &Element, report: &mut Reporter) {
+fn check_ports(root: &Element, report: &mut Reporter) {
+    let count: usize = root.children_of("ports").map(|ports| ports.children.len()).sum();
+    if count > limits::PORTS {
+        report.error(root.name_span, format!("{count} ports; {} is the most", limits::PORTS));
+    }
     let mut seen: HashMap<&str, &Element> = HashMap::new();
     for port in root.children_of("ports").flat_map(|ports| &ports.children) {
         let Some(name) = port.child("name").filter(|name| !name.text.is_empty()) else { continue };

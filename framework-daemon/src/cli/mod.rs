@@ -11,12 +11,16 @@ use clap::{Parser, Subcommand, ValueEnum};
 pub mod check;
 /// `completions`.
 pub mod completions;
+/// `describe`.
+pub mod describe;
 /// Exit codes.
 pub mod exit_code;
 /// `graph`.
 pub mod graph;
 /// `man`.
 pub mod man;
+/// `run`.
+pub mod run;
 /// `schema`.
 pub mod schema;
 
@@ -37,8 +41,12 @@ pub struct Cli {
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
+    /// Run a profile directory until SIGTERM or SIGINT.
+    Run(run::Arguments),
     /// Find everything that is wrong with profiles, without running anything.
     Check(check::Arguments),
+    /// Print the component profiles that a plugin's own metadata gives.
+    Describe(describe::Arguments),
     /// Draw the slots and connections of a profile directory.
     Graph(graph::Arguments),
     /// Print the XSD of a kind of profile.
@@ -64,6 +72,8 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let mut out = io::stdout().lock();
     let result = match cli.verb {
+        Verb::Run(arguments) => run::run(arguments, &mut out),
+        Verb::Describe(arguments) => describe::run(&arguments, &mut out),
         Verb::Check(arguments) => check::run(&arguments, &mut out),
         Verb::Graph(arguments) => graph::run(&arguments, &mut out),
         Verb::Schema(arguments) => schema::run(&arguments, &mut out),

@@ -65,6 +65,27 @@ pub const SECONDARIES: usize = 16;
 /// Most spares of one slot.
 pub const SPARES_MAX: u32 = 64;
 
+/// Address space of a fiber's stack where the profile says nothing; only touched pages take memory.
+pub const STACK_BYTES: usize = 1 << 20;
+/// Alternate signal stack of each guarded thread; AVX-512 frames are large.
+pub const SIGNAL_STACK_BYTES: usize = 64 << 10;
+/// Longest panic message, error text or log record kept, in bytes.
+pub const TEXT_BYTES: usize = 400;
+/// Log records of components waiting to be written.
+pub const LOG_RECORDS: usize = 1_024;
+/// Fault events waiting for the fault manager.
+pub const FAULT_EVENTS: usize = 4_096;
+/// Idle fibers that an executor makes room for, for each size of stack.
+pub const IDLE_FIBERS: usize = 4;
+/// Blocks of an output port beyond those that its readers can hold.
+pub const SPARE_BLOCKS: usize = 2;
+/// Longest time that `stop` or `destroy` of one component may take.
+pub const SHUTDOWN_STEP: Duration = Duration::from_millis(500);
+/// Longest time that a constructor with `initialize`, or `start`, may take before a boot or reload is given up.
+pub const BOOT_STEP: Duration = Duration::from_secs(10);
+/// Recoveries tried for one fault before the slot is stopped.
+pub const RECOVERY_STEPS_MAX: usize = 2 * SECONDARIES;
+
 const _: () = assert!(COMPOSITE_DEPTH < PROFILE_FILES);
 const _: () = assert!(PROFILE_ELEMENTS > SLOTS, "a file must be able to hold every slot");
 const _: () = assert!(PROFILE_TEXT_BYTES as u64 <= PROFILE_FILE_BYTES);
@@ -73,3 +94,5 @@ const _: () = assert!(FIFO_SIZE_DEFAULT <= FIFO_SIZE_MAX);
 const _: () = assert!(STACK_MIN_BYTES < STACK_MAX_BYTES && STACK_MIN_BYTES.is_multiple_of(4096));
 const _: () = assert!(PRIORITY_MIN < PRIORITY_MAX);
 const _: () = assert!(PERIOD_MIN.as_nanos() < DURATION_MAX.as_nanos());
+const _: () = assert!(STACK_MIN_BYTES <= STACK_BYTES && STACK_BYTES <= STACK_MAX_BYTES);
+const _: () = assert!(TEXT_BYTES >= component_sdk::context::TEXT_LIMIT && TEXT_BYTES <= u16::MAX as usize);

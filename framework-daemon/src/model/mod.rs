@@ -1,7 +1,22 @@
 //! Plain data that every other module may use. This module knows nobody.
 
+/// A fault: symptom, blamed slot, time and evidence, and what was done about it.
+pub mod fault;
+
+/// The answer to each symptom, compiled at load; pure.
+pub mod ladder;
+
+/// Component states and events, every cell written out.
+pub mod lifecycle;
+
 /// Every bound, with the relations between them.
 pub mod limits;
+
+/// Interned names.
+pub mod names;
+
+/// How the operating system schedules a thread.
+pub mod schedule;
 
 /// What a detector saw, and how severe the integrator says it is.
 pub mod symptom;

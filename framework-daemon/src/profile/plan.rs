@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
+pub use crate::model::schedule::{Policy, Schedule};
 use crate::model::symptom::SeverityTable;
 
 /// Where something was written: file, line and column (both from 1).
@@ -182,30 +183,6 @@ pub struct ExecutorPlan {
     pub schedule: Schedule,
     /// Where it was declared.
     pub location: Location,
-}
-
-/// How the operating system is to schedule a thread.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Schedule {
-    /// Scheduling policy.
-    pub policy: Policy,
-    /// Real-time priority, 1 to 99; without meaning for [`Policy::Other`].
-    pub priority: i32,
-    /// Processors that the thread may use; empty: all.
-    pub cpus: Vec<usize>,
-}
-
-/// Scheduling policy of a thread.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Policy {
-    /// `SCHED_OTHER`: time sharing.
-    #[default]
-    Other,
-    /// `SCHED_FIFO`: real time, until it blocks.
-    Fifo,
-    /// `SCHED_RR`: real time, in turns.
-    RoundRobin,
 }
 
 /// One slot: a named place in an application that an instance fills.

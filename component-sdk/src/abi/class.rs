@@ -1,0 +1,213 @@
+//! What a plugin exports.
+
+use abi_stable::StableAbi;
+use abi_stable::std_types::{RSlice, RStr, RString};
+
+use super::host::HostApi;
+use super::payload::PortHandle;
+use crate::object::TypeDescriptor;
+use crate::property::PropertyKind;
+
+/// The root of a plugin.
+#[repr(C)]
+#[derive(StableAbi)]
+#[sabi(kind(Prefix(prefix_ref = PluginModuleRef)))]
+#[sabi(missing_field(panic))]
+pub struct PluginModule {
+    /// Hands the plugin its host and installs the panic hook; called once, before anything else.
+    pub install: extern "C" fn(host: &'static HostApi),
+    /// The classes it exports.
+    #[sabi(last_prefix_field)]
+    pub classes: extern "C" fn() -> RSlice<'static, ComponentClass>,
+}
+
+/// One component class: its description and its shims.
+#[repr(C)]
+#[derive(StableAbi, Clone, Copy)]
+pub struct ComponentClass {
+    /// What it is.
+    pub decl: ClassDecl,
+    /// Builds an instance; `Ok` carries it.
+    pub create: for<'a> extern "C" fn(args: &CreateArgs<'a>) -> CreateResult,
+    /// Enters a callback.
+    pub call: for<'a> extern "C" fn(instance: *mut (), args: &CallArgs<'a>) -> CallStatus,
+    /// Drops the instance.
+    pub drop: extern "C" fn(instance: *mut ()) -> CallStatus,
+}
+
+/// The description of a class.
+#[repr(C)]
+#[derive(StableAbi, Clone, Copy)]
+pub struct ClassDecl {
+    /// Class name: what a component profile's `name` refers to.
+    pub name: RStr<'static>,
+    /// Version.
+    pub version: RStr<'static>,
+    /// First paragraph of the type's documentation.
+    pub description: RStr<'static>,
+    /// What wakes it.
+    pub trigger: TriggerDecl,
+    /// Ports, in the order in which `create` gets them.
+    pub ports: RSlice<'static, PortDecl>,
+    /// Properties, in the order in which `create` gets their texts.
+    pub properties: RSlice<'static, PropertyDecl>,
+    /// Fields that make up the checkpoint.
+    pub criticals: RSlice<'static, CriticalDecl>,
+    /// Size of an instance in bytes.
+    pub size: usize,
+}
+
+/// What wakes a class, unless its profile says otherwise.
+#[repr(u8)]
+#[derive(StableAbi, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TriggerDecl {
+    /// Each period.
+    Periodic {
+        /// In nanoseconds.
+        period_ns: u64,
+    },
+    /// Arriving data or events.
+    Nonperiodic,
+    /// Nothing.
+    Passive,
+}
+
+/// Direction of a port.
+#[repr(u8)]
+#[derive(StableAbi, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Receives.
+    Input,
+    /// Sends.
+    Output,
+}
+
+/// A data port.
+#[repr(C)]
+#[derive(StableAbi, Clone, Copy)]
+pub struct PortDecl {
+    /// Name.
+    pub name: RStr<'static>,
+    /// Direction.
+    pub direction: Direction,
+    /// What it carries.
+    pub object: &'static TypeDescriptor,
+    /// Size of the FIFO of an input; 0: keeps the newest only.
+    pub fifo: usize,
+    /// Documentation of the field.
+    pub description: RStr<'static>,
+}
+
+/// A property.
+#[repr(C)]
+#[derive(StableAbi, Clone, Copy)]
+pub struct PropertyDecl {
+    /// Name.
+    pub name: RStr<'static>,
+    /// What its text must be.
+    pub kind: PropertyKind,
+    /// Text used where the profile says nothing.
+    pub default: RStr<'static>,
+    /// Unit; empty: none.
+    pub unit: RStr<'static>,
+    /// Least value of a number.
+    pub min: f64,
+    /// Greatest value of a number.
+    pub max: f64,
+    /// Documentation of the field.
+    pub description: RStr<'static>,
+}
+
+/// A field of the instance that belongs to its checkpoint.
+#[repr(C)]
+#[derive(StableAbi, Clone, Copy, Debug)]
+pub struct CriticalDecl {
+    /// Name of the field.
+    pub name: RStr<'static>,
+    /// Offset in the instance, in bytes.
+    pub offset: usize,
+    /// Size in bytes.
+    pub size: usize,
+}
+
+/// What `create` is given.
+#[repr(C)]
+#[derive(StableAbi)]
+pub struct CreateArgs<'a> {
+    /// One handle a port, in the class's order.
+    pub ports: RSlice<'a, PortHandle>,
+    /// One text a property, in the class's order.
+    pub properties: RSlice<'a, RStr<'a>>,
+}
+
+/// What `create` returns.
+#[repr(C)]
+#[derive(StableAbi)]
+pub struct CreateResult {
+    /// The instance; null when it failed.
+    pub instance: *mut (),
+    /// How it ended.
+    pub status: CallStatus,
+    /// Why it failed.
+    pub error: RString,
+}
+
+/// Which callback to enter.
+#[repr(u8)]
+#[derive(StableAbi, Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[allow(missing_docs, reason = "each is documented at the callback of that name")]
+pub enum Hook {
+    Initialize,
+    Start,
+    Execute,
+    Update,
+    Event,
+    Stop,
+    Destroy,
+    Error,
+    Reset,
+    Recover,
+}
+
+/// What a callback is entered with.
+#[repr(C)]
+#[derive(StableAbi)]
+pub struct CallArgs<'a> {
+    /// Which one.
+    pub hook: Hook,
+    /// Fault to provoke first; 0: none (see [`super::inject`]).
+    pub inject: u8,
+    /// Monotonic time of entry in nanoseconds.
+    pub now_ns: u64,
+    /// The fault that led here, for `Error` and `Recover`.
+    pub fault: FaultArgs<'a>,
+}
+
+/// A fault as `on_error` and `recover` get it.
+#[repr(C)]
+#[derive(StableAbi, Clone, Copy)]
+pub struct FaultArgs<'a> {
+    /// Symptom name.
+    pub symptom: RStr<'a>,
+    /// Blamed slot.
+    pub slot: RStr<'a>,
+    /// Message.
+    pub message: RStr<'a>,
+}
+
+impl FaultArgs<'static> {
+    /// No fault.
+    pub const NONE: Self = Self { symptom: RStr::empty(), slot: RStr::empty(), message: RStr::empty() };
+}
+
+/// How a shim ended.
+#[repr(u8)]
+#[derive(StableAbi, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CallStatus {
+    /// Well.
+    Done,
+    /// The callback returned an error; its text went to [`HostApi::note_error`].
+    Error,
+    /// The callback panicked; message and place went to [`HostApi::note_panic`].
+    Panic,
+}

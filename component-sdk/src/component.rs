@@ -1,0 +1,129 @@
+//! What a component is. The callbacks are OPRoS's, with their names and their order.
+//!
+//! Returned errors are symptoms here (OPRoS ignored what `onExecute` returned), and `on_error` is told what
+//! happened (ROS 2's is not).
+
+use std::fmt;
+
+use crate::abi::class::ClassDecl;
+use crate::context::Context;
+use crate::property::Builder;
+
+/// What a callback returns.
+pub type Outcome = Result<(), ComponentError>;
+
+/// Why a callback could not do its work: a text for the journal.
+pub struct ComponentError(String);
+
+impl ComponentError {
+    /// An error with this text.
+    pub fn new(text: impl Into<String>) -> Self {
+        Self(text.into())
+    }
+}
+
+impl fmt::Display for ComponentError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl fmt::Debug for ComponentError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+// `ComponentError` itself is no `std::error::Error`: that is what lets `?` take every one that is.
+impl<E: std::error::Error> From<E> for ComponentError {
+    fn from(error: E) -> Self {
+        Self(error.to_string())
+    }
+}
+
+/// Makes a [`ComponentError`] from a format string.
+#[macro_export]
+macro_rules! fault {
+    ($($part:tt)*) => { $crate::component::ComponentError::new(format!($($part)*)) };
+}
+
+/// The fault that led to a call of `on_error` or `recover`.
+#[derive(Clone, Copy, Debug)]
+pub struct FaultInfo<'a> {
+    /// Symptom, as in the journal: `crash.segv`, `error`, ...
+    pub symptom: &'a str,
+    /// The slot that was blamed.
+    pub slot: &'a str,
+    /// Panic message, error text, signal and address.
+    pub message: &'a str,
+}
+
+/// What `#[derive(Component)]` writes: the class's description and how an instance is built.
+pub trait Component: Sized + Send + 'static {
+    /// Name, ports, properties, checkpoint regions.
+    const DECL: ClassDecl;
+
+    /// Builds an instance: ports connected to their slot, properties read from the profile.
+    ///
+    /// # Errors
+    /// When a property's text does not fit its type or range.
+    fn build(builder: &mut Builder<'_>) -> Result<Self, ComponentError>;
+}
+
+/// The callbacks of a component. Each runs on a fiber of the slot's executor, one at a time.
+///
+/// Order: `initialize`, `start`, then `on_execute` and `update` in turn, `stop`, `destroy`. A fault leads to
+/// `on_error` and `reset` of the same instance where it may still be entered, or to `initialize`, `recover`
+/// and `start` of its successor. Each returned error is a fault of the component.
+#[allow(unused_variables, reason = "the names of default callbacks' arguments are documentation")]
+pub trait Callbacks: Component {
+    /// Once, before anything else; ports may not be connected yet.
+    fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
+        Ok(())
+    }
+
+    /// Each time the slot becomes active.
+    fn start(&mut self, cx: &mut Context<'_>) -> Outcome {
+        Ok(())
+    }
+
+    /// Each period, or when data arrived.
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        Ok(())
+    }
+
+    /// After all members of the executor ran `on_execute` in this cycle (OPRoS `onUpdated`).
+    fn update(&mut self, cx: &mut Context<'_>) -> Outcome {
+        Ok(())
+    }
+
+    /// An event arrived (event ports come with a later version).
+    fn on_event(&mut self, cx: &mut Context<'_>) -> Outcome {
+        Ok(())
+    }
+
+    /// The slot is about to become inactive.
+    fn stop(&mut self, cx: &mut Context<'_>) -> Outcome {
+        Ok(())
+    }
+
+    /// Once, last.
+    fn destroy(&mut self, cx: &mut Context<'_>) -> Outcome {
+        Ok(())
+    }
+
+    /// A fault was blamed on this instance, which is still sound (it panicked or returned an error).
+    fn on_error(&mut self, cx: &mut Context<'_>, fault: &FaultInfo<'_>) -> Outcome {
+        Ok(())
+    }
+
+    /// Back to the state after `start`.
+    fn reset(&mut self, cx: &mut Context<'_>) -> Outcome {
+        Ok(())
+    }
+
+    /// This instance succeeds one that failed; comes between `initialize` and `start`.
+    fn recover(&mut self, cx: &mut Context<'_>, fault: &FaultInfo<'_>) -> Outcome {
+        Ok(())
+    }
+}

@@ -1,0 +1,159 @@
+//! What a callback is given: clock, log, `raise_fault`, checkpoint regions.
+//!
+//! A plugin has its own copy of every static, so a plugin's own `tracing` goes nowhere: log through the context.
+
+use std::fmt::{self, Write};
+use std::marker::PhantomData;
+use std::time::Duration;
+
+use abi_stable::std_types::RStr;
+
+use crate::abi::host::HostApi;
+
+/// Longest log or fault text in bytes; what goes beyond is cut at a character border.
+pub const TEXT_LIMIT: usize = 400;
+
+/// How important a log record is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Level {
+    /// The component cannot do its work.
+    Error = 1,
+    /// Something is not as it should be.
+    Warn = 2,
+    /// Worth knowing.
+    Info = 3,
+    /// For the author.
+    Debug = 4,
+}
+
+/// A moment on the monotonic clock (`CLOCK_MONOTONIC`), in nanoseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Instant(u64);
+
+impl Instant {
+    /// The moment that many nanoseconds after the clock's zero.
+    #[must_use]
+    pub const fn from_nanos(nanos: u64) -> Self {
+        Self(nanos)
+    }
+
+    /// Nanoseconds since the clock's zero.
+    #[must_use]
+    pub const fn as_nanos(self) -> u64 {
+        self.0
+    }
+
+    /// Time since `earlier`; zero if it is later.
+    #[must_use]
+    pub const fn since(self, earlier: Self) -> Duration {
+        Duration::from_nanos(self.0.saturating_sub(earlier.0))
+    }
+}
+
+/// Passed to every callback.
+pub struct Context<'a> {
+    now: Instant,
+    host: &'a HostApi,
+    not_send: PhantomData<*const ()>,
+}
+
+impl<'a> Context<'a> {
+    pub(crate) fn new(now_ns: u64, host: &'a HostApi) -> Self {
+        Self { now: Instant(now_ns), host, not_send: PhantomData }
+    }
+
+    /// When this callback was entered.
+    #[must_use]
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// The clock itself, where a callback measures something.
+    #[must_use]
+    pub fn clock(&self) -> Instant {
+        Instant((self.host.clock)())
+    }
+
+    /// Writes one record to the daemon's log. Never blocks: a full log drops the record and counts it.
+    pub fn log(&self, level: Level, text: &str) {
+        (self.host.log)(level as u8, RStr::from_str(text));
+    }
+
+    /// Formats into a buffer on the stack and logs it; the macros `info!` and kin call this.
+    pub fn log_args(&self, level: Level, text: fmt::Arguments<'_>) {
+        let mut line = Line::new();
+        // A `Line` never fails: it cuts.
+        let _ = line.write_fmt(text);
+        self.log(level, line.as_str());
+    }
+
+    /// Reports a fault of this component (symptom `raised`); the integrator's rules say what follows.
+    pub fn raise_fault(&self, text: &str) {
+        (self.host.raise_fault)(RStr::from_str(text));
+    }
+
+    /// Registers memory outside the component's own fields as part of its checkpoint (the paper's
+    /// `critical(void*, int)`). Fields are registered by `#[critical]`, which is safe.
+    pub fn critical(&self, name: &str, region: &'static mut [u8]) {
+        (self.host.critical)(RStr::from_str(name), region.as_mut_ptr(), region.len());
+    }
+}
+
+/// A fixed buffer that cuts instead of growing: a log line must not allocate.
+pub(crate) struct Line {
+    bytes: [u8; TEXT_LIMIT],
+    len: usize,
+}
+
+impl Line {
+    pub(crate) const fn new() -> Self {
+        Self { bytes: [0; TEXT_LIMIT], len: 0 }
+    }
+
+    pub(crate) fn as_str(&self) -> &str {
+        std::str::from_utf8(&self.bytes[..self.len]).unwrap_or_default()
+    }
+}
+
+impl Write for Line {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let mut take = text.len().min(TEXT_LIMIT - self.len);
+        while !text.is_char_boundary(take) {
+            take -= 1;
+        }
+        self.bytes[self.len..self.len + take].copy_from_slice(&text.as_bytes()[..take]);
+        self.len += take;
+        Ok(())
+    }
+}
+
+/// Logs an error: `error!(cx, "lost {device}")`.
+#[macro_export]
+macro_rules! error {
+    ($cx:expr, $($part:tt)*) => { $cx.log_args($crate::context::Level::Error, format_args!($($part)*)) };
+}
+
+/// Logs a warning: `warn!(cx, "no echo for {seconds} s")`.
+#[macro_export]
+macro_rules! warn {
+    ($cx:expr, $($part:tt)*) => { $cx.log_args($crate::context::Level::Warn, format_args!($($part)*)) };
+}
+
+/// Logs an information: `info!(cx, "opened {device}")`.
+#[macro_export]
+macro_rules! info {
+    ($cx:expr, $($part:tt)*) => { $cx.log_args($crate::context::Level::Info, format_args!($($part)*)) };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_line_is_cut_at_a_character_border() {
+        let mut line = Line::new();
+        write!(line, "{}{}", "x".repeat(TEXT_LIMIT - 1), "é").unwrap();
+        assert_eq!(line.as_str().len(), TEXT_LIMIT - 1);
+    }
+}

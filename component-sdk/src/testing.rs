@@ -1,0 +1,264 @@
+//! Drives one component step by step, without the daemon: a test of an algorithm is a test of the component.
+//!
+//! ```
+//! # use component_sdk::prelude::*;
+//! # #[derive(Component)]
+//! # #[component(name = "Halver")]
+//! # pub struct Halver { #[port] heard: DataIn<Pose2D>, #[port] said: DataOut<Pose2D>, #[property(default = 0.5)] factor: f64 }
+//! # impl Callbacks for Halver {
+//! #     fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+//! #         if let Some(pose) = self.heard.newest() { self.said.write(Pose2D { x: pose.x * self.factor, ..*pose }); }
+//! #         Ok(())
+//! #     }
+//! # }
+//! use component_sdk::testing::Bench;
+//!
+//! let mut bench = Bench::<Halver>::with(&[("factor", "0.25")]).unwrap();
+//! bench.put("heard", Pose2D { x: 8.0, ..Pose2D::default() });
+//! bench.execute().unwrap();
+//! assert_eq!(bench.take::<Pose2D>("said").unwrap().x, 2.0);
+//! ```
+#![allow(unsafe_code, reason = "address of unsafe: plays the daemon's side of the border")]
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+
+use abi_stable::std_types::{RSlice, RStr};
+
+use crate::abi::class::{ClassDecl, CreateArgs, Direction};
+use crate::abi::host::{self, HostApi};
+use crate::abi::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
+use crate::component::{Callbacks, FaultInfo, Outcome};
+use crate::context::{Context, Level};
+use crate::object::{CommObject, TypeDescriptor};
+use crate::property::Builder;
+
+/// A component on the bench: its ports end here.
+pub struct Bench<C> {
+    component: C,
+    decl: ClassDecl,
+    ports: Vec<Box<RefCell<BenchPort>>>,
+    now_ns: u64,
+}
+
+/// One port end. Objects are leaked boxes, as in the daemon: only typed code drops what is in them.
+struct BenchPort {
+    object: &'static TypeDescriptor,
+    queue: VecDeque<(*mut u8, u64)>,
+    current: Option<(*mut u8, u64)>,
+    fifo: bool,
+}
+
+thread_local! {
+    static RECORD: RefCell<Record> = const { RefCell::new(Record { now_ns: 0, logs: Vec::new(), faults: Vec::new() }) };
+}
+
+struct Record {
+    now_ns: u64,
+    logs: Vec<(u8, String)>,
+    faults: Vec<String>,
+}
+
+impl<C: Callbacks> Bench<C> {
+    /// A component with its properties' defaults.
+    ///
+    /// # Errors
+    /// When a default is outside its own range.
+    pub fn new() -> Result<Self, crate::component::ComponentError> {
+        Self::with(&[])
+    }
+
+    /// A component with these property texts; the others have their defaults.
+    ///
+    /// # Errors
+    /// When a text does not fit its property, or names none.
+    pub fn with(properties: &[(&str, &str)]) -> Result<Self, crate::component::ComponentError> {
+        host::set(&BENCH);
+        let decl = C::DECL;
+        if let Some((name, _)) =
+            properties.iter().find(|(name, _)| decl.properties.iter().all(|p| p.name.as_str() != *name))
+        {
+            return Err(crate::fault!("the class has no property `{name}`"));
+        }
+        let texts: Vec<RStr<'_>> = decl
+            .properties
+            .iter()
+            .map(|p| {
+                properties
+                    .iter()
+                    .find(|(name, _)| p.name.as_str() == *name)
+                    .map_or(p.default, |(_, text)| RStr::from_str(text))
+            })
+            .collect();
+        let ports: Vec<_> = decl.ports.iter().map(|port| Box::new(RefCell::new(BenchPort::new(port)))).collect();
+        let handles: Vec<_> = ports.iter().map(|port| PortHandle(std::ptr::from_ref(&**port).cast())).collect();
+        let args = CreateArgs { ports: RSlice::from_slice(&handles), properties: RSlice::from_slice(&texts) };
+        let component = C::build(&mut Builder::new(&args, decl.properties.as_slice()))?;
+        Ok(Self { component, decl, ports, now_ns: 1_000_000_000 })
+    }
+
+    /// The component itself.
+    pub fn component(&mut self) -> &mut C {
+        &mut self.component
+    }
+
+    /// Lets time pass.
+    pub fn advance(&mut self, by: std::time::Duration) {
+        self.now_ns += u64::try_from(by.as_nanos()).unwrap_or(u64::MAX);
+    }
+
+    /// Sends `object` to an input port.
+    ///
+    /// # Panics
+    /// When the class has no such input, or it carries another type.
+    pub fn put<T: CommObject>(&mut self, port: &str, object: T) {
+        let now = self.now_ns;
+        let mut port = self.port::<T>(port, Direction::Input).borrow_mut();
+        port.queue.push_back((Box::into_raw(Box::new(object)).cast(), now));
+    }
+
+    /// What the component sent last over an output port since it was last asked.
+    ///
+    /// # Panics
+    /// When the class has no such output, or it carries another type.
+    pub fn take<T: CommObject>(&mut self, port: &str) -> Option<T> {
+        let mut port = self.port::<T>(port, Direction::Output).borrow_mut();
+        let newest = port.queue.pop_back();
+        port.queue.clear();
+        // SAFETY: `loan` filled the block with a `Box`'s memory and the component wrote a `T` there; `port` checked
+        // that the port carries `T`; the block left the queue, so it is taken once.
+        newest.map(|(value, _)| *unsafe { Box::from_raw(value.cast::<T>()) })
+    }
+
+    fn port<T: CommObject>(&self, name: &str, direction: Direction) -> &RefCell<BenchPort> {
+        let found = self.decl.ports.iter().position(|port| port.name.as_str() == name && port.direction == direction);
+        let index = found.unwrap_or_else(|| panic!("the class has no {direction:?} port `{name}`"));
+        let object = self.decl.ports[index].object;
+        assert_eq!(object.layout_hash, T::DESCRIPTOR.layout_hash, "port `{name}` carries {}", object.name);
+        &self.ports[index]
+    }
+
+    fn enter(&mut self, callback: impl FnOnce(&mut C, &mut Context<'_>) -> Outcome) -> Outcome {
+        RECORD.with_borrow_mut(|record| record.now_ns = self.now_ns);
+        callback(&mut self.component, &mut Context::new(self.now_ns, &BENCH))
+    }
+
+    /// Calls `initialize` and `start`.
+    ///
+    /// # Errors
+    /// The component's own.
+    pub fn start(&mut self) -> Outcome {
+        self.enter(C::initialize)?;
+        self.enter(C::start)
+    }
+
+    /// Calls `on_execute`.
+    ///
+    /// # Errors
+    /// The component's own.
+    pub fn execute(&mut self) -> Outcome {
+        self.enter(C::on_execute)
+    }
+
+    /// Calls `stop`.
+    ///
+    /// # Errors
+    /// The component's own.
+    pub fn stop(&mut self) -> Outcome {
+        self.enter(C::stop)
+    }
+
+    /// Calls `on_error` and `reset`, as after a panic with this message.
+    ///
+    /// # Errors
+    /// The component's own.
+    pub fn fail(&mut self, message: &str) -> Outcome {
+        let fault = FaultInfo { symptom: "crash.panic", slot: "bench", message };
+        self.enter(|component, cx| component.on_error(cx, &fault))?;
+        self.enter(C::reset)
+    }
+
+    /// What was logged on this thread since the last call.
+    #[must_use]
+    pub fn logs() -> Vec<(Level, String)> {
+        let level =
+            |number| [Level::Error, Level::Warn, Level::Info, Level::Debug][usize::from(u8::clamp(number, 1, 4)) - 1];
+        RECORD.with_borrow_mut(|record| record.logs.drain(..).map(|(number, text)| (level(number), text)).collect())
+    }
+
+    /// The faults raised on this thread since the last call.
+    #[must_use]
+    pub fn faults() -> Vec<String> {
+        RECORD.with_borrow_mut(|record| std::mem::take(&mut record.faults))
+    }
+}
+
+impl BenchPort {
+    fn new(decl: &crate::abi::class::PortDecl) -> Self {
+        Self { object: decl.object, queue: VecDeque::new(), current: None, fifo: decl.fifo > 0 }
+    }
+
+    fn read(&mut self, mode: ReadMode) -> ReadResult {
+        let next =
+            if self.fifo && mode == ReadMode::Take { self.queue.pop_front() } else { self.queue.drain(..).next_back() };
+        self.current = next.or(self.current.take_if(|_| mode == ReadMode::Newest));
+        self.current.map_or(ReadResult::NONE, |(value, stamp_ns)| ReadResult { value, stamp_ns })
+    }
+}
+
+static BENCH: HostApi = HostApi {
+    clock,
+    log,
+    raise_fault,
+    note_error: ignore_text,
+    note_panic: ignore_panic,
+    note_injection: nothing,
+    critical: ignore_region,
+    loan,
+    publish,
+    give_back,
+    read,
+};
+
+extern "C" fn clock() -> u64 {
+    RECORD.with_borrow(|record| record.now_ns)
+}
+
+extern "C" fn log(level: u8, text: RStr<'_>) {
+    RECORD.with_borrow_mut(|record| record.logs.push((level, text.to_string())));
+}
+
+extern "C" fn raise_fault(text: RStr<'_>) {
+    RECORD.with_borrow_mut(|record| record.faults.push(text.to_string()));
+}
+
+extern "C" fn ignore_text(_: RStr<'_>) {}
+extern "C" fn ignore_panic(_: RStr<'_>, _: RStr<'_>, _: u32) {}
+extern "C" fn ignore_region(_: RStr<'_>, _: *mut u8, _: usize) {}
+extern "C" fn nothing() {}
+
+/// The port behind a handle of the bench.
+fn port<'a>(handle: PortHandle) -> &'a RefCell<BenchPort> {
+    // SAFETY: the bench gives out handles of its own boxed ports only and owns them longer than the component; both
+    // live on one thread.
+    unsafe { &*handle.0.cast::<RefCell<BenchPort>>() }
+}
+
+extern "C" fn loan(handle: PortHandle) -> LoanResult {
+    let object = port(handle).borrow().object;
+    let layout =
+        std::alloc::Layout::from_size_align(object.size.max(1), object.align).expect("a compiler's own layout");
+    // SAFETY: the size is not zero.
+    LoanResult { value: unsafe { std::alloc::alloc(layout) }, initialised: false }
+}
+
+extern "C" fn publish(handle: PortHandle, value: *mut u8) -> u32 {
+    port(handle).borrow_mut().queue.push_back((value, clock()));
+    0
+}
+
+extern "C" fn give_back(_: PortHandle, _: *mut u8) {}
+
+extern "C" fn read(handle: PortHandle, mode: ReadMode) -> ReadResult {
+    port(handle).borrow_mut().read(mode)
+}

@@ -1,0 +1,94 @@
+//! The component on the bench, with a board on the other end of a real pseudo-terminal.
+
+use std::io::{ErrorKind, Read, Write};
+use std::time::Duration;
+
+use board_protocol::{Command, Decoder, Encoder, Encoders, Telemetry, Ultrasonic, WheelVelocities};
+use component_sdk::testing::Bench;
+use motion_board::MotionBoard;
+use robot_objects::{EncoderCounts, UltrasonicRing, WheelCommand};
+use serialport::{SerialPort, TTYPort};
+
+const PERIOD: Duration = Duration::from_millis(10);
+
+/// The board's end of the line.
+struct Board {
+    line: TTYPort,
+    encoder: Encoder,
+    decoder: Decoder<Command>,
+}
+
+impl Board {
+    /// A board, and the device that leads to it. The second port keeps the device alive.
+    fn new() -> (Self, TTYPort, String) {
+        let (mut line, device) = TTYPort::pair().expect("the system has pseudo-terminals");
+        line.set_timeout(Duration::from_millis(200)).expect("a timeout can be set");
+        let name = device.name().expect("it has a name");
+        (Self { line, encoder: Encoder::new(), decoder: Decoder::new() }, device, name)
+    }
+
+    fn say(&mut self, telemetry: Telemetry) {
+        let frame = self.encoder.encode(&telemetry);
+        self.line.write_all(&frame).expect("the line takes a frame");
+    }
+
+    /// The last wheel velocities that have come.
+    fn hear(&mut self) -> Option<WheelVelocities> {
+        let (mut bytes, mut last) = ([0; 256], None);
+        match self.line.read(&mut bytes) {
+            Ok(count) => self.decoder.feed(&bytes[..count], |command| {
+                if let Command::WheelVelocities(speeds) = command {
+                    last = Some(speeds);
+                }
+            }),
+            Err(error) => assert_eq!(error.kind(), ErrorKind::TimedOut),
+        }
+        last
+    }
+}
+
+fn execute(bench: &mut Bench<MotionBoard>) {
+    bench.advance(PERIOD);
+    bench.execute().expect("a lost board is raised, not returned");
+}
+
+const NEUTRAL: Option<WheelVelocities> = Some(WheelVelocities { left_rad_s: 0.0, right_rad_s: 0.0 });
+
+#[test]
+fn commands_reach_the_board_and_stale_ones_become_neutral() {
+    let (mut board, _device, name) = Board::new();
+    let mut bench = Bench::<MotionBoard>::with(&[("device", &name)]).expect("valid");
+    execute(&mut bench);
+    assert_eq!(board.hear(), NEUTRAL, "without a command the wheels stand");
+    bench.put("wheels", WheelCommand { left: 2.0, right: -3.0 });
+    execute(&mut bench);
+    assert_eq!(board.hear(), Some(WheelVelocities { left_rad_s: 2.0, right_rad_s: -3.0 }));
+    bench.advance(Duration::from_millis(150));
+    execute(&mut bench);
+    assert_eq!(board.hear(), NEUTRAL);
+    bench.put("wheels", WheelCommand { left: 2.0, right: 2.0 });
+    execute(&mut bench);
+    bench.stop().expect("the line is there");
+    assert_eq!(board.hear(), NEUTRAL, "the last word at stop");
+}
+
+#[test]
+fn telemetry_becomes_objects() {
+    let (mut board, _device, name) = Board::new();
+    let mut bench = Bench::<MotionBoard>::with(&[("device", &name)]).expect("valid");
+    execute(&mut bench);
+    board.say(Telemetry::Encoders(Encoders { time_us: 2_500_000, ticks: [1, 2, -3, 4] }));
+    board.say(Telemetry::Ultrasonic(Ultrasonic { time_us: 2_500_000, ranges_mm: [1500; 12] }));
+    execute(&mut bench);
+    let counts: EncoderCounts = bench.take("encoders").expect("they have come");
+    assert_eq!((counts.ticks, counts.stamp.sec, counts.stamp.nanosec), ([1, 2, -3, 4], 2, 500_000_000));
+    assert_eq!(bench.take::<UltrasonicRing>("echoes").map(|ring| ring.ranges), Some([1.5; 12]));
+}
+
+#[test]
+fn a_lost_board_is_one_fault_and_is_tried_again() {
+    let mut bench = Bench::<MotionBoard>::with(&[("device", "/dev/not-there")]).expect("valid");
+    (0..100).for_each(|_| execute(&mut bench));
+    let faults = Bench::<MotionBoard>::faults();
+    assert!(matches!(faults.as_slice(), [one] if one.contains("/dev/not-there")), "{faults:?}");
+}

@@ -1,0 +1,195 @@
+//! `describe`: the component profiles that a plugin's own metadata gives, with the objects that its ports carry.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::Args;
+use component_sdk::abi::class::{Direction, PortDecl, TriggerDecl};
+use component_sdk::object::{Kind, TypeDescriptor};
+use quick_xml::escape::escape;
+use serde_json::{Value, json};
+
+use super::Format;
+use super::exit_code::Exit;
+use crate::plugin::{Class, Plugin};
+use crate::port::border::HOST;
+
+const EXAMPLES: &str = "Examples:\n  framework-daemon describe target/release/libavoidance_primary.so\n  \
+     framework-daemon describe --format json libcamera.so\n  \
+     framework-daemon describe --into profiles/new libcamera.so";
+
+/// Arguments of `describe`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Plugin.
+    #[arg(value_name = "PLUGIN.so")]
+    pub plugin: PathBuf,
+    /// text: component profiles and data types as XML; json: one object a class.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+    /// Write each component profile to CLASS.xml in this directory instead of printing it.
+    #[arg(long, value_name = "DIR", conflicts_with = "format")]
+    pub into: Option<PathBuf>,
+}
+
+/// Describes every class of a plugin.
+///
+/// # Errors
+/// Only those of writing.
+pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
+    let plugin = match Plugin::load(&arguments.plugin, &HOST) {
+        Ok(plugin) => plugin,
+        Err(refusal) => {
+            writeln!(io::stderr(), "{refusal}")?;
+            return Ok(Exit::PluginRefused);
+        }
+    };
+    if let Some(directory) = &arguments.into {
+        return write_files(&plugin, directory, out);
+    }
+    for class in plugin.classes() {
+        match arguments.format {
+            Format::Text => write!(out, "{}", profile(&class))?,
+            Format::Json => writeln!(out, "{}", object(&class))?,
+        }
+    }
+    Ok(Exit::Done)
+}
+
+/// One file a class; a file that is there already is kept.
+fn write_files(plugin: &std::sync::Arc<Plugin>, directory: &Path, out: &mut impl Write) -> io::Result<Exit> {
+    for class in plugin.classes() {
+        let path = directory.join(format!("{}.xml", class.name()));
+        let written = File::create_new(&path).and_then(|mut file| file.write_all(profile(&class).as_bytes()));
+        if let Err(error) = written {
+            writeln!(io::stderr(), "{}: {error}", path.display())?;
+            return Ok(Exit::Failed);
+        }
+        writeln!(out, "{}", path.display())?;
+    }
+    Ok(Exit::Done)
+}
+
+fn period(period_ns: u64) -> String {
+    format!("{:?}", Duration::from_nanos(period_ns)).replace('\u{b5}', "u")
+}
+
+/// The class as a component profile, in OPRoS's dialect.
+fn profile(class: &Class) -> String {
+    let decl = &class.exported().decl;
+    let library = class.plugin().file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let semantics = match decl.trigger {
+        TriggerDecl::Periodic { period_ns } => format!("<type>periodic</type>\n    <period>{}</period>", period(period_ns)),
+        TriggerDecl::Nonperiodic => "<type>non-periodic</type>".into(),
+        TriggerDecl::Passive => "<type>passive</type>".into(),
+    };
+    let properties: String = decl.properties.iter().fold(String::new(), |mut text, property| {
+        let unit = if property.unit.is_empty() { String::new() } else { format!(" <!-- {} -->", escape(property.unit.as_str())) };
+        let (name, kind, value) = (property.name, property.kind.opros_name(), escape(property.default.as_str()));
+        let _ = writeln!(text, "    <property name=\"{name}\" type=\"{kind}\">{value}</property>{unit}");
+        text
+    });
+    let ports: String = decl.ports.iter().map(port).collect();
+    format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<component_profile>\n  <name>{}</name>\n  <version>{}</version>\n  \
+         <description>{}</description>\n  <execution_environment>\n    <library_type>so</library_type>\n    \
+         <library_name>{}</library_name>\n    <impl_language>Rust</impl_language>\n  </execution_environment>\n  \
+         <execution_semantics>\n    {semantics}\n  </execution_semantics>\n  <properties>\n{properties}  </properties>\n  \
+         <ports>\n{ports}  </ports>\n</component_profile>\n{}",
+        decl.name,
+        decl.version,
+        escape(decl.description.as_str()),
+        escape(library.as_str()),
+        data_types(decl.ports.as_slice())
+    )
+}
+
+fn port(port: &PortDecl) -> String {
+    let usage = if port.direction == Direction::Input { "input" } else { "output" };
+    let queue = match (port.direction, port.fifo) {
+        (Direction::Output, _) => String::new(),
+        (Direction::Input, 0) => "\n      <queueing_policy>LAST</queueing_policy>".into(),
+        (Direction::Input, size) => {
+            format!("\n      <queueing_policy>FIFO</queueing_policy>\n      <queue_size>{size}</queue_size>")
+        }
+    };
+    format!(
+        "    <data_port>\n      <name>{}</name>\n      <description>{}</description>\n      <usage>{usage}</usage>\n      \
+         <data_type>{}</data_type>{queue}\n    </data_port>\n",
+        port.name,
+        escape(port.description.as_str()),
+        port.object.name
+    )
+}
+
+/// The objects of the ports as an OPRoS `data_type`, each once.
+fn data_types(ports: &[PortDecl]) -> String {
+    let mut seen: Vec<&TypeDescriptor> = Vec::new();
+    ports.iter().for_each(|port| collect(port.object, &mut seen));
+    if seen.is_empty() {
+        return String::new();
+    }
+    let structs: String = seen.iter().map(|object| structure(object)).collect();
+    format!("<!-- The objects that its ports carry:\n<data_type>\n{structs}</data_type>\n-->\n")
+}
+
+fn collect<'a>(object: &'a TypeDescriptor, seen: &mut Vec<&'a TypeDescriptor>) {
+    object.fields.iter().for_each(|field| collect(field.object, seen));
+    if let Some(element) = object.element() {
+        collect(element, seen);
+    }
+    if object.kind == Kind::Struct && seen.iter().all(|known| known.layout_hash != object.layout_hash || known.name != object.name) {
+        seen.push(object);
+    }
+}
+
+fn structure(object: &TypeDescriptor) -> String {
+    let mut text = format!("  <struct name=\"{}\">\n", object.name);
+    for field in object.fields.iter() {
+        let _ = writeln!(text, "    <item type=\"{}\">{}</item>", escape(type_name(field.object).as_str()), field.name);
+    }
+    text.push_str("  </struct>\n");
+    text
+}
+
+fn type_name(object: &TypeDescriptor) -> String {
+    match (object.kind, object.element()) {
+        (Kind::Sequence, Some(element)) => format!("std::vector<{}>", type_name(element)),
+        (Kind::Array, Some(element)) => format!("{}[{}]", type_name(element), object.count),
+        _ => object.name.to_string(),
+    }
+}
+
+fn object(class: &Class) -> Value {
+    let decl = &class.exported().decl;
+    let plugin = class.plugin();
+    let ports: Vec<Value> = decl.ports.iter().map(|port| {
+        json!({"name": port.name.as_str(), "usage": if port.direction == Direction::Input { "input" } else { "output" },
+            "object": port.object.name.as_str(), "size": port.object.size, "fifo": port.fifo,
+            "layout": format!("{:016x}", port.object.layout_hash), "description": port.description.as_str()})
+    }).collect();
+    let properties: Vec<Value> = decl.properties.iter().map(|property| {
+        json!({"name": property.name.as_str(), "type": property.kind.opros_name(), "default": property.default.as_str(),
+            "unit": property.unit.as_str(), "min": finite(property.min), "max": finite(property.max),
+            "description": property.description.as_str()})
+    }).collect();
+    let trigger = match decl.trigger {
+        TriggerDecl::Periodic { period_ns } => json!({"type": "periodic", "period_ns": period_ns}),
+        TriggerDecl::Nonperiodic => json!({"type": "nonperiodic"}),
+        TriggerDecl::Passive => json!({"type": "passive"}),
+    };
+    let critical: Vec<Value> = decl.criticals.iter().map(|field| json!({"name": field.name.as_str(), "size": field.size})).collect();
+    json!({"class": class.name(), "version": decl.version.as_str(), "description": decl.description.as_str(),
+        "plugin": plugin.file, "build": plugin.header.build, "build_id": plugin.image.build_id,
+        "sdk_version": plugin.header.sdk_version, "trigger": trigger, "ports": ports, "properties": properties,
+        "critical": critical})
+}
+
+/// JSON has no infinity: an open bound is null.
+fn finite(bound: f64) -> Value {
+    if bound.is_finite() { json!(bound) } else { Value::Null }
+}

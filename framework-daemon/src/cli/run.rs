@@ -1,0 +1,107 @@
+//! `run`: load, start, supervise until told to stop.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use component_sdk::abi::inject::{self, INJECTIONS};
+
+use super::exit_code::Exit;
+use crate::daemon::{self, Injection, RunError, Settings};
+
+const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --plugins target/release\n  \
+     framework-daemon run profiles/navigation --inject avoider:crash.segv@5\n\n\
+     SIGHUP reloads the profiles, all or nothing. SIGTERM and SIGINT end in order; a second one leaves at once.\n\
+     When all slots run, a line that begins with `ready` is printed.";
+
+/// Arguments of `run`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Profile directory.
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
+    /// Plugin directory, searched before those that the profiles name; may be repeated.
+    #[arg(long, value_name = "DIR")]
+    pub plugins: Vec<PathBuf>,
+    /// Journal of faults, starts and reloads: JSON lines, appended
+    /// [default: $XDG_STATE_HOME/framework-daemon/journal.jsonl].
+    #[arg(long, value_name = "FILE")]
+    pub journal: Option<PathBuf>,
+    /// Provoke a fault that many seconds after `ready`; may be repeated.
+    #[arg(long, value_name = "SLOT:SYMPTOM@SECONDS", value_parser = injection)]
+    pub inject: Vec<Injection>,
+}
+
+/// Runs.
+///
+/// # Errors
+/// Only those of writing.
+pub fn run(arguments: Arguments, out: &mut impl Write) -> io::Result<Exit> {
+    start_log();
+    let Arguments { directory, plugins, journal, inject } = arguments;
+    let settings = Settings { directory, plugins, journal: journal.unwrap_or_else(default_journal), injections: inject };
+    let result = daemon::run(&settings, out);
+    let mut err = io::stderr();
+    match result {
+        Ok(()) => Ok(Exit::Done),
+        Err(RunError::Profiles(diagnostics)) => {
+            diagnostics.iter().try_for_each(|diagnostic| writeln!(err, "{diagnostic}"))?;
+            Ok(Exit::ProfileInvalid)
+        }
+        Err(RunError::Plugins(reasons)) => tell(&reasons, &mut err).map(|()| Exit::PluginRefused),
+        Err(RunError::Failed(reasons)) => tell(&reasons, &mut err).map(|()| Exit::Failed),
+    }
+}
+
+fn tell(reasons: &[String], err: &mut impl Write) -> io::Result<()> {
+    reasons.iter().try_for_each(|reason| writeln!(err, "{reason}"))
+}
+
+/// Log to stderr; `RUST_LOG` chooses what.
+fn start_log() {
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env();
+    let filter = filter.unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
+    let ansi = io::IsTerminal::is_terminal(&io::stderr());
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).with_ansi(ansi).with_target(false);
+    // A second start in one process (tests) keeps the first.
+    let _ = log.try_init();
+}
+
+fn default_journal() -> PathBuf {
+    let from = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let state = from("XDG_STATE_HOME").or_else(|| from("HOME").map(|home| home.join(".local/state")));
+    state.unwrap_or_else(std::env::temp_dir).join("framework-daemon/journal.jsonl")
+}
+
+/// `avoider:crash.segv@5`.
+fn injection(text: &str) -> Result<Injection, String> {
+    let parts = text.rsplit_once('@').and_then(|(front, seconds)| Some((front.split_once(':')?, seconds)));
+    let ((slot, symptom), seconds) = parts.ok_or("write it as SLOT:SYMPTOM@SECONDS, as in avoider:crash.segv@5")?;
+    let code = inject::code(symptom).ok_or_else(|| {
+        let known: Vec<_> = INJECTIONS.iter().map(|(name, _)| *name).collect();
+        format!("`{symptom}` cannot be provoked; these can: {}", known.join(", "))
+    })?;
+    let after = seconds.parse().ok().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    let after = after.ok_or_else(|| format!("`{seconds}` is no number of seconds"))?;
+    Ok(Injection { slot: slot.to_owned(), code, after })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_injection_is_slot_symptom_and_seconds() {
+        let parsed = injection("nav.avoider:crash.segv@1.5").unwrap();
+        assert_eq!((parsed.slot.as_str(), parsed.code, parsed.after), ("nav.avoider", 2, Duration::from_millis(1500)));
+    }
+
+    #[test]
+    fn a_wrong_injection_names_the_way_out() {
+        assert!(injection("avoider").unwrap_err().contains("SLOT:SYMPTOM@SECONDS"));
+        assert!(injection("a:b@1").unwrap_err().contains("crash.panic"));
+        assert!(injection("a:error@-1").unwrap_err().contains("no number of seconds"));
+    }
+}

@@ -1,0 +1,49 @@
+//! How a callback ended, as a symptom.
+
+use component_sdk::abi::class::CallStatus;
+
+use crate::model::symptom::Symptom;
+use crate::sys::trap::Trap;
+
+/// The symptom of a trap.
+#[must_use]
+pub const fn of_trap(trap: &Trap) -> Symptom {
+    match trap.evidence.signal {
+        libc::SIGSEGV if trap.stack_overflow => Symptom::CrashStack,
+        libc::SIGBUS => Symptom::CrashBus,
+        libc::SIGFPE => Symptom::CrashFpe,
+        libc::SIGILL => Symptom::CrashIll,
+        libc::SIGABRT => Symptom::CrashAbort,
+        _ => Symptom::CrashSegv,
+    }
+}
+
+/// The symptom of a shim's status; `None`: it went well.
+#[must_use]
+pub const fn of_status(status: CallStatus) -> Option<Symptom> {
+    match status {
+        CallStatus::Done => None,
+        CallStatus::Error => Some(Symptom::Error),
+        CallStatus::Panic => Some(Symptom::CrashPanic),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::fault::TrapEvidence;
+
+    #[test]
+    fn each_signal_has_its_symptom() {
+        let trap = |signal, stack_overflow| Trap {
+            evidence: TrapEvidence { signal, address: 0, pc: 0, sp: 0 },
+            stack_overflow,
+            at_ns: 0,
+        };
+        let seen =
+            [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT].map(|s| of_trap(&trap(s, false)));
+        use Symptom::{CrashAbort, CrashBus, CrashFpe, CrashIll, CrashSegv, CrashStack};
+        assert_eq!(seen, [CrashSegv, CrashBus, CrashFpe, CrashIll, CrashAbort]);
+        assert_eq!(of_trap(&trap(libc::SIGSEGV, true)), CrashStack);
+    }
+}

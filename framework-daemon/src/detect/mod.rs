@@ -1,0 +1,7 @@
+//! Fault path, step 1: value in, symptom out. Pure: no clock, no thread, no state that is not passed in.
+
+/// How a callback ended, as a symptom.
+pub mod crash;
+
+/// A value outside its range, and for how long.
+pub mod range;

@@ -1,0 +1,132 @@
+//! The one place where plugin code is entered: on a fiber, with the slot's name set for logs, and with an outcome that
+//! is either "done" or a [`Fault`].
+
+use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
+
+use super::unit::{Parts, Unit};
+use crate::detect::crash;
+use crate::model::fault::{Evidence, Fault, ShortText};
+use crate::model::symptom::Symptom;
+use crate::plugin::host;
+use crate::port::check;
+use crate::sys::clock;
+use crate::sys::fiber::{Ended, FiberPool};
+use crate::sys::trap::Trap;
+
+/// What a callback is entered with.
+#[derive(Clone, Copy)]
+pub struct Call<'a> {
+    /// Which one.
+    pub hook: Hook,
+    /// Fault to provoke; 0: none.
+    pub inject: u8,
+    /// The fault that led here.
+    pub fault: FaultArgs<'a>,
+}
+
+impl Call<'_> {
+    /// A plain call.
+    #[must_use]
+    pub const fn plain(hook: Hook) -> Self {
+        Self { hook, inject: 0, fault: FaultArgs::NONE }
+    }
+}
+
+/// Enters a callback of `unit`.
+///
+/// # Errors
+/// The fault that ended it.
+pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
+    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns: clock::now_ns(), fault: call.fault };
+    let instance = &mut unit.instance;
+    let mut status = CallStatus::Done;
+    if let Err(fault) = guarded(fibers, slot, unit.stack_bytes, &mut || status = instance.enter(&args)) {
+        unit.spent = true;
+        return Err(fault);
+    }
+    crash::of_status(status).map_or(Ok(()), |symptom| Err(told(symptom, String::new())))
+}
+
+/// Runs the constructor of a class.
+///
+/// # Errors
+/// The fault that ended it; for a property that does not fit, with its text.
+pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Result<Unit, Fault> {
+    let mut built = None;
+    let ended = guarded(fibers, slot, parts.stack_bytes(), &mut || built = Some(parts.build()));
+    match (ended, built) {
+        (Ok(()), Some(Ok(instance))) => Ok(parts.finish(instance)),
+        (Ok(()), Some(Err((status, text)))) => Err(told(crash::of_status(status).unwrap_or(Symptom::Error), text)),
+        (Err(fault), _) => {
+            parts.abandon();
+            Err(fault)
+        }
+        (Ok(()), None) => Err(told(Symptom::Error, "the constructor did not run".into())),
+    }
+}
+
+/// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop; false then.
+pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bool {
+    unit.close();
+    let instance = &mut unit.instance;
+    unit.spent = unit.spent || guarded(fibers, slot, unit.stack_bytes, &mut || _ = instance.destroy()).is_err();
+    // A panic in a drop is over when the shim returns; the object is gone.
+    let _ = forget_notes();
+    let dropped = !unit.spent;
+    if unit.spent {
+        unit.quarantine();
+    }
+    dropped
+}
+
+/// What a callback that went well reported on the side: a bad value that it wrote, a fault that it raised.
+#[must_use]
+pub fn side_report() -> Option<Fault> {
+    let raised = host::take_raised().map(|message| (Symptom::Raised, Evidence::Text { message }));
+    let (symptom, evidence) = raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
+    let now = clock::now_ns();
+    Some(Fault { symptom, at_ns: now, detected_ns: now, injected: false, evidence })
+}
+
+fn guarded(
+    fibers: &mut FiberPool,
+    slot: &'static str,
+    stack_bytes: usize,
+    closure: &mut dyn FnMut(),
+) -> Result<(), Fault> {
+    host::enter_slot(slot);
+    match fibers.run(stack_bytes, closure) {
+        Ok(Ended::Returned) => Ok(()),
+        Ok(Ended::Trapped(trap)) => Err(trapped(&trap)),
+        Err(error) => Err(told(Symptom::Error, format!("no stack for its fiber: {error}"))),
+    }
+}
+
+fn trapped(trap: &Trap) -> Fault {
+    // Whatever the callback had told before it trapped is not the reason.
+    let injected = forget_notes();
+    Fault {
+        symptom: crash::of_trap(trap),
+        at_ns: injected.unwrap_or(trap.at_ns),
+        detected_ns: clock::now_ns(),
+        injected: injected.is_some(),
+        evidence: Evidence::Trap(trap.evidence),
+    }
+}
+
+fn told(symptom: Symptom, text: String) -> Fault {
+    let detected_ns = clock::now_ns();
+    let evidence = match host::take_panic() {
+        Some(note) if symptom == Symptom::CrashPanic => {
+            Evidence::Panic { message: note.message, file: note.file, line: note.line }
+        }
+        _ => Evidence::Text { message: host::take_error().unwrap_or_else(|| ShortText::new(&text)) },
+    };
+    let injected = forget_notes();
+    Fault { symptom, at_ns: injected.unwrap_or(detected_ns), detected_ns, injected: injected.is_some(), evidence }
+}
+
+fn forget_notes() -> Option<u64> {
+    let _ = (host::take_panic(), host::take_error(), host::take_raised(), check::take_report());
+    host::take_injection()
+}

@@ -1,0 +1,308 @@
+//! One schedule: which members, in which order, until told to stop.
+//!
+//! A cycle: commands, then the members whose period began, in the order of data flow, each followed by the chain of
+//! nonperiodic members that its data woke; then `update` of all that ran; then a wait on absolute time.
+
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use crossbeam_channel::{Receiver, Sender};
+
+use super::member::{Crew, Member, nanoseconds};
+use super::trigger::Bell;
+use crate::model::fault::FaultSender;
+use crate::model::lifecycle::State;
+use crate::model::schedule::Schedule;
+use crate::profile::plan::Trigger;
+use crate::sys::fiber::FiberPool;
+use crate::sys::{clock, thread};
+
+/// What an executor may be told. Each is answered when it is done.
+enum Command {
+    Install(Box<Member>, Sender<Result<usize, String>>),
+    Start(usize, Sender<State>),
+    Stop(usize, Sender<State>),
+    Remove(usize, Sender<()>),
+    Rank(Vec<(usize, u32)>, Sender<()>),
+    Inject(usize, u8, Sender<bool>),
+    Quit,
+}
+
+/// An executor as others see it.
+pub struct Executor {
+    /// Its name.
+    pub name: String,
+    bell: Arc<Bell>,
+    commands: Sender<Command>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// The executor did not answer in time: a callback does not return.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the executor does not answer: one of its callbacks does not return")]
+pub struct Stuck;
+
+impl Executor {
+    /// Starts an executor thread.
+    ///
+    /// # Errors
+    /// When the system has no thread left.
+    pub fn start(name: &str, schedule: Schedule, faults: FaultSender) -> std::io::Result<Self> {
+        let (commands, inbox) = crossbeam_channel::unbounded();
+        let bell = Bell::new();
+        let own = Arc::clone(&bell);
+        let title = name.to_owned();
+        let refused = move |reason: &str| tracing::warn!("executor {title}: {reason}");
+        let body = move || Run::new(own, inbox, faults).until_quit();
+        let thread = thread::spawn_guarded(name, schedule, refused, body)?;
+        Ok(Self { name: name.to_owned(), bell, commands, thread: Some(thread) })
+    }
+
+    /// What wakes it: for the signals of its members.
+    #[must_use]
+    pub const fn bell(&self) -> &Arc<Bell> {
+        &self.bell
+    }
+
+    /// Creates and initialises a member; returns its number.
+    ///
+    /// # Errors
+    /// In words, when its constructor or `initialize` failed, or nothing came back within `limit`.
+    pub fn install(&self, member: Member, limit: Duration) -> Result<usize, String> {
+        let slot = member.slot.name;
+        self.ask(limit, |reply| Command::Install(Box::new(member), reply))
+            .unwrap_or_else(|stuck| Err(format!("slot {slot}: {stuck}")))
+    }
+
+    /// Starts a member; returns the state it is in then.
+    ///
+    /// # Errors
+    /// When nothing came back within `limit`.
+    pub fn start_member(&self, member: usize, limit: Duration) -> Result<State, Stuck> {
+        self.ask(limit, |reply| Command::Start(member, reply))
+    }
+
+    /// Stops a member.
+    ///
+    /// # Errors
+    /// When nothing came back within `limit`.
+    pub fn stop_member(&self, member: usize, limit: Duration) -> Result<State, Stuck> {
+        self.ask(limit, |reply| Command::Stop(member, reply))
+    }
+
+    /// Destroys a member.
+    ///
+    /// # Errors
+    /// When nothing came back within `limit`.
+    pub fn remove(&self, member: usize, limit: Duration) -> Result<(), Stuck> {
+        self.ask(limit, |reply| Command::Remove(member, reply))
+    }
+
+    /// Sets places in the order of data flow.
+    ///
+    /// # Errors
+    /// When nothing came back within `limit`.
+    pub fn rank(&self, ranks: Vec<(usize, u32)>, limit: Duration) -> Result<(), Stuck> {
+        self.ask(limit, |reply| Command::Rank(ranks, reply))
+    }
+
+    /// Provokes a fault in the member's next `on_execute`; false: it does not run.
+    ///
+    /// # Errors
+    /// When nothing came back within `limit`.
+    pub fn inject(&self, member: usize, code: u8, limit: Duration) -> Result<bool, Stuck> {
+        self.ask(limit, |reply| Command::Inject(member, code, reply))
+    }
+
+    fn ask<T>(&self, limit: Duration, command: impl FnOnce(Sender<T>) -> Command) -> Result<T, Stuck> {
+        let (reply, answer) = crossbeam_channel::bounded(1);
+        self.commands.send(command(reply)).map_err(|_| Stuck)?;
+        self.bell.wake();
+        answer.recv_timeout(limit).map_err(|_| Stuck)
+    }
+}
+
+impl Drop for Executor {
+    /// Tells the thread to end; one that hangs in a callback is left behind.
+    fn drop(&mut self) {
+        let _ = self.commands.send(Command::Quit);
+        self.bell.wake();
+        let Some(thread) = self.thread.take() else { return };
+        let limit = clock::now_ns() + 100_000_000;
+        while !thread.is_finished() && clock::now_ns() < limit {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        if thread.is_finished() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The thread's side.
+struct Run {
+    bell: Arc<Bell>,
+    inbox: Receiver<Command>,
+    crew: Crew,
+    members: Vec<Option<Box<Member>>>,
+    order: Vec<usize>,
+    ran: Vec<usize>,
+}
+
+impl Run {
+    fn new(bell: Arc<Bell>, inbox: Receiver<Command>, faults: FaultSender) -> Self {
+        let crew = Crew { fibers: FiberPool::default(), faults };
+        Self { bell, inbox, crew, members: Vec::new(), order: Vec::new(), ran: Vec::new() }
+    }
+
+    fn until_quit(mut self) {
+        self.bell.adopt();
+        loop {
+            while let Ok(command) = self.inbox.try_recv() {
+                if !self.obey(command) {
+                    return;
+                }
+            }
+            self.cycle();
+            if self.inbox.is_empty() {
+                self.bell.wait_until(self.next_due());
+            }
+        }
+    }
+
+    fn obey(&mut self, command: Command) -> bool {
+        // Whoever asked may have given up waiting; the command was carried out all the same.
+        match command {
+            Command::Install(member, reply) => _ = reply.send(self.install(member)),
+            Command::Start(number, reply) => _ = reply.send(self.with(number, Member::start)),
+            Command::Stop(number, reply) => _ = reply.send(self.with(number, Member::stop)),
+            Command::Remove(number, reply) => {
+                self.with(number, Member::destroy);
+                if let Some(place) = self.members.get_mut(number) {
+                    *place = None;
+                }
+                self.sort();
+                _ = reply.send(());
+            }
+            Command::Rank(ranks, reply) => {
+                for (number, rank) in ranks {
+                    if let Some(Some(member)) = self.members.get_mut(number) {
+                        member.rank = rank;
+                    }
+                }
+                self.sort();
+                _ = reply.send(());
+            }
+            Command::Inject(number, code, reply) => _ = reply.send(self.inject(number, code)),
+            Command::Quit => return false,
+        }
+        true
+    }
+
+    fn install(&mut self, mut member: Box<Member>) -> Result<usize, String> {
+        if let Err(reason) = member.install(&mut self.crew) {
+            member.destroy(&mut self.crew);
+            return Err(reason);
+        }
+        let number = self.members.iter().position(Option::is_none).unwrap_or_else(|| {
+            self.members.push(None);
+            self.members.len() - 1
+        });
+        member.signal.assign(number);
+        self.members[number] = Some(member);
+        self.sort();
+        Ok(number)
+    }
+
+    fn with(&mut self, number: usize, act: impl FnOnce(&mut Member, &mut Crew)) -> State {
+        match self.members.get_mut(number) {
+            Some(Some(member)) => {
+                act(member, &mut self.crew);
+                member.state()
+            }
+            _ => State::Destroyed,
+        }
+    }
+
+    fn inject(&mut self, number: usize, code: u8) -> bool {
+        match self.members.get_mut(number) {
+            Some(Some(member)) if member.state() == State::Active && member.trigger != Trigger::Passive => {
+                member.inject = code;
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// Members in the order of data flow.
+    fn sort(&mut self) {
+        self.order = (0..self.members.len()).filter(|number| self.members[*number].is_some()).collect();
+        self.order.sort_by_key(|number| self.members[*number].as_ref().map(|member| member.rank));
+        self.ran.reserve(self.members.len());
+    }
+
+    fn cycle(&mut self) {
+        let now = clock::now_ns();
+        for place in 0..self.order.len() {
+            let number = self.order[place];
+            if self.is_due(number, now) {
+                self.execute(number);
+                self.chain();
+            }
+        }
+        self.chain();
+        while let Some(number) = self.ran.pop() {
+            if let Some(member) = &mut self.members[number] {
+                member.update(&mut self.crew);
+            }
+        }
+    }
+
+    /// Nonperiodic members whose data came, and those that theirs wake.
+    fn chain(&mut self) {
+        // Bounded, so that a loop of writers cannot starve commands and periods.
+        for _ in 0..=self.order.len() * 4 {
+            let Some(number) = self.bell.next_ready() else { return };
+            if let Some(Some(member)) = self.members.get(number) {
+                member.signal.clear();
+                if member.trigger == Trigger::Nonperiodic {
+                    self.execute(number);
+                }
+            }
+        }
+    }
+
+    fn execute(&mut self, number: usize) {
+        if let Some(Some(member)) = self.members.get_mut(number)
+            && member.state() == State::Active
+        {
+            member.execute(&mut self.crew);
+            if !self.ran.contains(&number) {
+                self.ran.push(number);
+            }
+        }
+    }
+
+    /// True when a period of this member has begun; sets the next one. Periods that are over already are left out and
+    /// counted.
+    fn is_due(&mut self, number: usize, now_ns: u64) -> bool {
+        let Some(member) = &mut self.members[number] else { return false };
+        let Trigger::Periodic(period) = member.trigger else { return false };
+        if member.state() != State::Active || member.next_due_ns > now_ns {
+            return false;
+        }
+        let period = nanoseconds(period);
+        let missed = (now_ns - member.next_due_ns) / period;
+        member.slot.status.missed.fetch_add(missed, std::sync::atomic::Ordering::Relaxed);
+        member.next_due_ns += (missed + 1) * period;
+        true
+    }
+
+    fn next_due(&self) -> Option<u64> {
+        let members = self.members.iter().flatten();
+        let periodic = members.filter(|member| {
+            member.state() == State::Active && matches!(member.trigger, Trigger::Periodic(_))
+        });
+        periodic.map(|member| member.next_due_ns).min()
+    }
+}

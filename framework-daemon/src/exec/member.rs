@@ -1,0 +1,257 @@
+//! A slot as its executor sees it: instance, state, rules, standbys. Touched by the executor's thread only.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use component_sdk::abi::class::Hook;
+
+use super::callback::{self, Call};
+use super::slot::{Slot, Status};
+use super::trigger::Signal;
+use super::unit::{Recipe, Unit};
+use crate::model::fault::{Fault, FaultSender};
+use crate::model::ladder::Ladder;
+use crate::model::lifecycle::{Event, State};
+use crate::profile::plan::{Preload, Trigger};
+use crate::sys::clock;
+use crate::sys::fiber::FiberPool;
+
+/// What an executor's members share.
+pub struct Crew {
+    /// Fibers of this thread.
+    pub fibers: FiberPool,
+    /// To the fault manager.
+    pub faults: FaultSender,
+}
+
+/// A secondary of the slot.
+pub struct Standby {
+    /// How it is made.
+    pub recipe: Recipe,
+    /// How far it is prepared.
+    pub preload: Preload,
+    /// The instance, where it is prepared that far.
+    pub unit: Option<Unit>,
+}
+
+/// A slot and all that only its executor touches.
+pub struct Member {
+    /// The slot.
+    pub slot: Arc<Slot>,
+    /// What wakes it.
+    pub trigger: Trigger,
+    /// Whether it is started at boot.
+    pub autostart: bool,
+    /// Marks it ready.
+    pub signal: Arc<Signal>,
+    /// How the instance in use is made.
+    pub recipe: Recipe,
+    /// The rules.
+    pub ladder: Ladder,
+    /// Secondaries, in the ladder's order.
+    pub standbys: Vec<Standby>,
+    /// The instance; none after a fault-stop that lost it.
+    pub unit: Option<Unit>,
+    /// When the next period begins.
+    pub next_due_ns: u64,
+    /// Place in the order of data flow.
+    pub rank: u32,
+    /// Fault to provoke in the next `on_execute`; 0: none.
+    pub inject: u8,
+}
+
+/// Idle fibers kept for a member's size of stack: one runs, one is there when the first is lost.
+const READY_FIBERS: usize = 2;
+
+impl Member {
+    /// Where it is in its lifecycle.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.slot.status.state()
+    }
+
+    /// Takes an event's step in the lifecycle table; false: refused.
+    pub fn step(&self, event: Event) -> bool {
+        let next = self.state().after(event);
+        if let Some(next) = next {
+            self.slot.status.set_state(next);
+        }
+        next.is_some()
+    }
+
+    /// Creates and initialises the instance, and the standbys that are to be ready.
+    ///
+    /// # Errors
+    /// The fault of a constructor or of `initialize`, and the class that it belongs to.
+    pub fn install(&mut self, crew: &mut Crew) -> Result<(), String> {
+        self.prepare_fibers(crew);
+        self.unit = Some(self.make(&self.recipe, crew).map_err(|fault| self.tell("instance", &fault))?);
+        self.step(Event::Initialize);
+        for index in 0..self.standbys.len() {
+            if self.standbys[index].preload == Preload::Instance {
+                let unit = self.make(&self.standbys[index].recipe, crew);
+                self.standbys[index].unit = Some(unit.map_err(|fault| self.tell("secondary", &fault))?);
+            }
+        }
+        Ok(())
+    }
+
+    fn tell(&self, what: &str, fault: &Fault) -> String {
+        let (slot, symptom) = (self.slot.name, fault.symptom.name());
+        format!("slot {slot}: its {what} cannot be initialised: {symptom}: {}", fault.evidence.message().as_str())
+    }
+
+    /// An initialised instance after a recipe.
+    ///
+    /// # Errors
+    /// The fault of its constructor or of `initialize`.
+    pub fn make(&self, recipe: &Recipe, crew: &mut Crew) -> Result<Unit, Fault> {
+        let parts = recipe.gather(&self.slot).map_err(|text| not_made(&text))?;
+        let mut unit = callback::create(&mut crew.fibers, self.slot.name, parts)?;
+        match self.enter_unit(&mut unit, Call::plain(Hook::Initialize), crew) {
+            Ok(()) => Ok(unit),
+            Err(fault) => {
+                self.dispose(unit, crew);
+                Err(fault)
+            }
+        }
+    }
+
+    /// Enters a callback of any unit of this slot.
+    ///
+    /// # Errors
+    /// The fault that ended it.
+    pub fn enter_unit(&self, unit: &mut Unit, call: Call<'_>, crew: &mut Crew) -> Result<(), Fault> {
+        callback::enter(&mut crew.fibers, self.slot.name, unit, call)
+    }
+
+    /// Enters a callback of the instance in use.
+    ///
+    /// # Errors
+    /// The fault that ended it.
+    pub fn enter(&mut self, call: Call<'_>, crew: &mut Crew) -> Result<(), Fault> {
+        let Some(unit) = self.unit.as_mut() else { return Ok(()) };
+        callback::enter(&mut crew.fibers, self.slot.name, unit, call)
+    }
+
+    /// Gets rid of a unit of this slot.
+    pub fn dispose(&self, unit: Unit, crew: &mut Crew) {
+        if !callback::dispose(&mut crew.fibers, self.slot.name, unit) {
+            Status::count(&self.slot.status.quarantined);
+        }
+    }
+
+    /// `start`: the slot becomes active.
+    pub fn start(&mut self, crew: &mut Crew) {
+        if !self.step(Event::Start) {
+            return;
+        }
+        match self.enter(Call::plain(Hook::Start), crew) {
+            Ok(()) => self.begin(),
+            Err(fault) => self.handle(fault, crew),
+        }
+    }
+
+    /// Sets the next period, and looks at data that came before the start.
+    pub fn begin(&mut self) {
+        if let Trigger::Periodic(period) = self.trigger {
+            let period = nanoseconds(period);
+            // Multiples of the period: all members of one period begin together, on every executor.
+            self.next_due_ns = (clock::now_ns() / period + 1) * period;
+        }
+        self.signal.clear();
+        if self.trigger == Trigger::Nonperiodic && self.slot.inputs.iter().any(|port| port.has_data()) {
+            self.signal.ring();
+        }
+    }
+
+    /// `on_execute`, with its outcome counted and a fault answered on the spot.
+    pub fn execute(&mut self, crew: &mut Crew) {
+        let inject = std::mem::take(&mut self.inject);
+        let began = clock::now_ns();
+        match self.enter(Call { inject, ..Call::plain(Hook::Execute) }, crew) {
+            Ok(()) => self.completed(clock::now_ns() - began, crew),
+            Err(fault) => self.handle(fault, crew),
+        }
+    }
+
+    fn completed(&mut self, took_ns: u64, crew: &mut Crew) {
+        Status::count(&self.slot.status.cycles);
+        self.slot.status.longest_ns.fetch_max(took_ns, Ordering::Relaxed);
+        self.answer_side_report(crew);
+    }
+
+    /// `update`, at the end of a cycle.
+    pub fn update(&mut self, crew: &mut Crew) {
+        if self.state() != State::Active {
+            return;
+        }
+        match self.enter(Call::plain(Hook::Update), crew) {
+            Ok(()) => self.answer_side_report(crew),
+            Err(fault) => self.handle(fault, crew),
+        }
+    }
+
+    fn answer_side_report(&mut self, crew: &mut Crew) {
+        if let Some(fault) = callback::side_report() {
+            self.handle(fault, crew);
+        }
+    }
+
+    /// `stop`: the slot becomes inactive.
+    pub fn stop(&mut self, crew: &mut Crew) {
+        if !self.step(Event::Stop) {
+            return;
+        }
+        if let Err(fault) = self.enter(Call::plain(Hook::Stop), crew) {
+            self.lose(fault, crew);
+        }
+    }
+
+    /// `destroy`, then the drop of the instance and of its standbys.
+    pub fn destroy(&mut self, crew: &mut Crew) {
+        self.stop(crew);
+        if self.step(Event::Destroy)
+            && let Err(fault) = self.enter(Call::plain(Hook::Destroy), crew)
+        {
+            self.lose(fault, crew);
+        }
+        let standbys = std::mem::take(&mut self.standbys);
+        for unit in self.unit.take().into_iter().chain(standbys.into_iter().filter_map(|standby| standby.unit)) {
+            self.dispose(unit, crew);
+        }
+        crew.fibers.bury();
+    }
+
+    /// A fault on the way out: there is nothing left to recover.
+    fn lose(&mut self, fault: Fault, crew: &mut Crew) {
+        self.step(Event::Fault);
+        if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
+            self.dispose(unit, crew);
+        }
+        self.report_stop(fault, crew);
+    }
+
+    /// Sees to it that a recovery finds its fibers.
+    pub fn prepare_fibers(&self, crew: &mut Crew) {
+        let sizes = std::iter::once(&self.recipe).chain(self.standbys.iter().map(|standby| &standby.recipe));
+        for recipe in sizes {
+            // Out of address space: the next callback says so.
+            let _ = crew.fibers.prepare(recipe.stack_bytes, READY_FIBERS);
+        }
+    }
+}
+
+/// A period in nanoseconds, at least one.
+#[must_use]
+pub fn nanoseconds(period: std::time::Duration) -> u64 {
+    u64::try_from(period.as_nanos()).unwrap_or(u64::MAX).max(1)
+}
+
+fn not_made(text: &str) -> Fault {
+    use crate::model::fault::{Evidence, ShortText};
+    use crate::model::symptom::Symptom;
+    let now = clock::now_ns();
+    let evidence = Evidence::Text { message: ShortText::new(text) };
+    Fault { symptom: Symptom::Error, at_ns: now, detected_ns: now, injected: false, evidence }
+}

@@ -1,0 +1,25 @@
+//! Data path, second half: `trigger -> executor -> callback`; and the fault path's answer on the spot: `recover`.
+//!
+//! What an executor runs belongs to its schedule, not to its thread: members, their instances, standbys and rules are
+//! touched by that one thread only and need no lock. Everybody else sends commands.
+
+/// The one place where a callback is entered: fiber, injection, outcome.
+pub mod callback;
+
+/// One schedule: which members, in which order, until told to stop.
+pub mod executor;
+
+/// A slot as its executor sees it: instance, state, rules, standbys.
+pub mod member;
+
+/// The local answer to a fault: reset, replace or stop, at once.
+pub mod recover;
+
+/// A slot as everybody sees it: name, ports, counters.
+pub mod slot;
+
+/// Data wakes a nonperiodic slot; inline where it is on the same executor.
+pub mod trigger;
+
+/// An instance with its bindings, and the recipe for another one.
+pub mod unit;

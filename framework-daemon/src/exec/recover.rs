@@ -1,0 +1,216 @@
+//! The local answer to a fault, on the thread that saw it, from the table compiled at load: reset, replace or stop, at
+//! once. The fault manager learns of it afterwards.
+//!
+//! The alternative, a manager thread that decides, costs a hand-over: 22 ms at p99.9 with all cores busy.
+
+use abi_stable::std_types::RStr;
+use component_sdk::abi::class::{FaultArgs, Hook};
+
+use super::callback::Call;
+use super::member::{Crew, Member};
+use super::slot::Status;
+use super::unit::Unit;
+use crate::model::fault::{Fault, FaultEvent, Outcome, ShortText, Times};
+use crate::model::ladder::Answer;
+use crate::model::lifecycle::Event;
+use crate::model::limits::RECOVERY_STEPS_MAX;
+use crate::sys::clock;
+
+/// How one step of the ladder ended.
+enum Step {
+    /// The slot works.
+    Works,
+    /// The slot is stopped.
+    Stopped,
+    /// The recovery failed itself.
+    Failed(Fault),
+}
+
+impl Member {
+    /// Answers a fault of this slot.
+    pub fn handle(&mut self, fault: Fault, crew: &mut Crew) {
+        Status::count(&self.slot.status.faults);
+        let class = self.slot.status.class();
+        let answer = self.look_up(&fault);
+        let mut times = Times { decided_ns: since(&fault), ..Times::default() };
+        if answer == Answer::Ignore {
+            self.tell_manager(fault, class, answer, Outcome::Ignored, times, crew);
+            return;
+        }
+        self.step(Event::Fault);
+        let (last, outcome) = self.climb(&fault, answer, &mut times, crew);
+        self.tell_manager(fault, class, last, outcome, times, crew);
+        crew.fibers.bury();
+        self.prepare_fibers(crew);
+    }
+
+    /// An instance that cannot be entered again cannot be ignored either.
+    fn look_up(&mut self, fault: &Fault) -> Answer {
+        match self.ladder.answer(fault.symptom, fault.detected_ns) {
+            Answer::Ignore if fault.symptom.loses_instance() => Answer::Stop,
+            answer => answer,
+        }
+    }
+
+    /// Walks the ladder until a step holds. A step that fails is followed by a further one, never by the same: nothing
+    /// loops.
+    fn climb(&mut self, fault: &Fault, first: Answer, times: &mut Times, crew: &mut Crew) -> (Answer, Outcome) {
+        let (mut answer, mut cause) = (first, *fault);
+        for _ in 0..RECOVERY_STEPS_MAX {
+            let step = match answer {
+                Answer::Reset => self.reset(&cause, fault, times, crew),
+                Answer::Replace => self.replace(&cause, fault, times, crew),
+                Answer::Stop | Answer::Ignore => self.fault_stop(&cause, crew),
+            };
+            match step {
+                Step::Works => return (answer, Outcome::Recovered),
+                Step::Stopped => return (Answer::Stop, Outcome::Stopped),
+                Step::Failed(second) => {
+                    Status::count(&self.slot.status.faults);
+                    answer = self.ladder.further();
+                    cause = second;
+                }
+            }
+        }
+        self.fault_stop(&cause, crew);
+        (Answer::Stop, Outcome::Stopped)
+    }
+
+    /// The same instance where it is sound; a fresh one of its class else.
+    fn reset(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
+        if self.unit.as_ref().is_none_or(|unit| unit.spent) {
+            let fresh = self.make(&self.recipe, crew);
+            return self.succeed(fresh, cause, fault, times, crew);
+        }
+        let (text, hooks) = (cause.evidence.message(), [Hook::Error, Hook::Reset]);
+        for hook in hooks {
+            let args = told(self.slot.name, cause, &text);
+            if let Err(second) = self.enter(Call { hook, inject: 0, fault: args }, crew) {
+                return Step::Failed(second);
+            }
+        }
+        self.step(Event::Reset);
+        self.put_to_work(fault, times, crew)
+    }
+
+    /// The next secondary.
+    fn replace(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
+        let Some(index) = self.ladder.secondary() else { return self.fault_stop(cause, crew) };
+        let ready = self.standbys[index].unit.take();
+        let unit = ready.map_or_else(|| self.make(&self.standbys[index].recipe, crew), Ok);
+        self.recipe = self.standbys[index].recipe.clone();
+        self.succeed(unit, cause, fault, times, crew)
+    }
+
+    /// Puts a successor in the place of the instance in use.
+    fn succeed(
+        &mut self,
+        successor: Result<Unit, Fault>,
+        cause: &Fault,
+        fault: &Fault,
+        times: &mut Times,
+        crew: &mut Crew,
+    ) -> Step {
+        let unit = match successor {
+            Ok(unit) => unit,
+            Err(second) => return Step::Failed(second),
+        };
+        self.slot.status.set_class(unit.class);
+        let old = self.unit.replace(unit);
+        let step = self.take_over(cause, fault, times, crew);
+        // The old one's end is nobody's hurry.
+        if let Some(old) = old {
+            self.dispose(old, crew);
+        }
+        step
+    }
+
+    fn take_over(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
+        let text = cause.evidence.message();
+        let args = told(self.slot.name, cause, &text);
+        if let Err(second) = self.enter(Call { hook: Hook::Recover, inject: 0, fault: args }, crew) {
+            return Step::Failed(second);
+        }
+        self.step(Event::Recover);
+        self.step(Event::Start);
+        if let Err(second) = self.enter(Call::plain(Hook::Start), crew) {
+            self.step(Event::Fault);
+            return Step::Failed(second);
+        }
+        self.put_to_work(fault, times, crew)
+    }
+
+    /// The callback that the fault cut short, again.
+    fn put_to_work(&mut self, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
+        times.ready_ns = Some(since(fault));
+        match self.enter(Call::plain(Hook::Execute), crew) {
+            Ok(()) => {
+                times.first_callback_ns = Some(since(fault));
+                Status::count(&self.slot.status.cycles);
+                Step::Works
+            }
+            Err(second) => {
+                self.step(Event::Fault);
+                Step::Failed(second)
+            }
+        }
+    }
+
+    /// The slot stops. A sound instance is told why and kept, so that it can be destroyed in order.
+    fn fault_stop(&mut self, cause: &Fault, crew: &mut Crew) -> Step {
+        if self.unit.as_ref().is_some_and(|unit| !unit.spent) {
+            let text = cause.evidence.message();
+            let call = Call { hook: Hook::Error, inject: 0, fault: told(self.slot.name, cause, &text) };
+            // What it does about it changes nothing any more.
+            let _ = self.enter(call, crew);
+        }
+        if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
+            self.dispose(unit, crew);
+        }
+        Step::Stopped
+    }
+
+    /// A fault that only stops.
+    pub(super) fn report_stop(&mut self, fault: Fault, crew: &mut Crew) {
+        Status::count(&self.slot.status.faults);
+        let times = Times { decided_ns: since(&fault), ..Times::default() };
+        let class = self.slot.status.class();
+        self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, times, crew);
+    }
+
+    fn tell_manager(
+        &self,
+        fault: Fault,
+        class: &'static str,
+        answer: Answer,
+        outcome: Outcome,
+        mut times: Times,
+        crew: &Crew,
+    ) {
+        times.detected_ns = fault.detected_ns.saturating_sub(fault.at_ns);
+        let event = FaultEvent {
+            slot: self.slot.name,
+            class,
+            fault,
+            severity: self.ladder.severity(fault.symptom),
+            answer,
+            successor: (outcome != Outcome::Stopped).then(|| self.slot.status.class()),
+            outcome,
+            times,
+        };
+        // A full queue loses the entry, not the recovery; the manager sees the gap in the slot's own counter.
+        let _ = crew.faults.try_send(event);
+    }
+}
+
+fn since(fault: &Fault) -> u64 {
+    clock::now_ns().saturating_sub(fault.at_ns)
+}
+
+fn told<'a>(slot: &'a str, fault: &Fault, text: &'a ShortText) -> FaultArgs<'a> {
+    FaultArgs {
+        symptom: RStr::from_str(fault.symptom.name()),
+        slot: RStr::from_str(slot),
+        message: RStr::from_str(text.as_str()),
+    }
+}

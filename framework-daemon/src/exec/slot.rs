@@ -1,0 +1,105 @@
+//! A slot as everybody sees it: name, ports, counters. The instance that fills it may change; this stays.
+
+use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::model::lifecycle::State;
+use crate::port::border::PortEnd;
+use crate::port::input::InPort;
+use crate::port::output::OutPort;
+
+/// A named place in an application.
+pub struct Slot {
+    /// Its name.
+    pub name: &'static str,
+    /// Inputs.
+    pub inputs: Vec<Arc<InPort>>,
+    /// Outputs.
+    pub outputs: Vec<Arc<OutPort>>,
+    /// Counters.
+    pub status: Status,
+}
+
+impl Slot {
+    /// The input of that name.
+    #[must_use]
+    pub fn input(&self, name: &str) -> Option<&Arc<InPort>> {
+        self.inputs.iter().find(|port| port.name == name)
+    }
+
+    /// The output of that name.
+    #[must_use]
+    pub fn output(&self, name: &str) -> Option<&Arc<OutPort>> {
+        self.outputs.iter().find(|port| port.name == name)
+    }
+
+    /// The port of that name, either way.
+    #[must_use]
+    pub fn end(&self, name: &str, input: bool) -> Option<PortEnd> {
+        if input {
+            self.input(name).cloned().map(PortEnd::In)
+        } else {
+            self.output(name).cloned().map(PortEnd::Out)
+        }
+    }
+}
+
+/// What a slot has done. Written by its executor, read by anybody.
+#[derive(Debug)]
+pub struct Status {
+    state: AtomicU8,
+    class: Mutex<&'static str>,
+    /// Completed `on_execute`.
+    pub cycles: AtomicU64,
+    /// Periods that began too late and were left out.
+    pub missed: AtomicU64,
+    /// Faults blamed on it.
+    pub faults: AtomicU64,
+    /// Instances that are never entered again and never freed.
+    pub quarantined: AtomicU64,
+    /// Longest `on_execute` in nanoseconds.
+    pub longest_ns: AtomicU64,
+}
+
+impl Status {
+    /// Of a slot that an instance of `class` fills.
+    #[must_use]
+    pub const fn new(class: &'static str) -> Self {
+        Self {
+            state: AtomicU8::new(State::Created as u8),
+            class: Mutex::new(class),
+            cycles: AtomicU64::new(0),
+            missed: AtomicU64::new(0),
+            faults: AtomicU64::new(0),
+            quarantined: AtomicU64::new(0),
+            longest_ns: AtomicU64::new(0),
+        }
+    }
+
+    /// Where it is in its lifecycle.
+    #[must_use]
+    pub fn state(&self) -> State {
+        State::from_number(self.state.load(Ordering::Acquire))
+    }
+
+    /// Sets the state.
+    pub fn set_state(&self, state: State) {
+        self.state.store(state as u8, Ordering::Release);
+    }
+
+    /// The class of the instance that fills it.
+    #[must_use]
+    pub fn class(&self) -> &'static str {
+        *self.class.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Sets the class.
+    pub fn set_class(&self, class: &'static str) {
+        *self.class.lock().unwrap_or_else(PoisonError::into_inner) = class;
+    }
+
+    /// Counts one.
+    pub fn count(counter: &AtomicU64) {
+        counter.fetch_add(1, Ordering::Relaxed);
+    }
+}

@@ -1,0 +1,168 @@
+//! An instance with its bindings, and the recipe for another one.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use abi_stable::std_types::RStr;
+use component_sdk::abi::class::{CallStatus, ClassDecl, Direction};
+use component_sdk::abi::payload::PortHandle;
+
+use super::slot::Slot;
+use crate::plugin::Class;
+use crate::plugin::instance::Instance;
+use crate::port::border::Binding;
+
+/// Finds and loads a class when it is needed: `preload="none"`.
+pub type Loader = Arc<dyn Fn() -> Result<Class, String> + Send + Sync>;
+
+/// Where a class comes from.
+#[derive(Clone)]
+pub enum Source {
+    /// Its library is loaded.
+    Loaded(Class),
+    /// Its library is loaded when the class is needed.
+    Lazy(Loader),
+}
+
+/// How an instance for a slot is made.
+#[derive(Clone)]
+pub struct Recipe {
+    /// Its class.
+    pub source: Source,
+    /// Property texts by name; the class's defaults hold for the others.
+    pub properties: Vec<(String, String)>,
+    /// Stack of its fibers in bytes.
+    pub stack_bytes: usize,
+}
+
+/// An instance in a slot.
+pub struct Unit {
+    /// The instance.
+    pub instance: Instance,
+    /// Its class's name.
+    pub class: &'static str,
+    /// Stack of its fibers in bytes.
+    pub stack_bytes: usize,
+    /// It trapped: it may never be entered or dropped again.
+    pub spent: bool,
+    bindings: Vec<Arc<Binding>>,
+}
+
+/// All that is there before the constructor runs.
+pub struct Parts {
+    class: Class,
+    bindings: Vec<Arc<Binding>>,
+    handles: Vec<PortHandle>,
+    properties: Vec<String>,
+    stack_bytes: usize,
+}
+
+static QUARANTINED: AtomicU64 = AtomicU64::new(0);
+
+/// Instances of the whole process that are never entered again and never freed.
+#[must_use]
+pub fn quarantined() -> u64 {
+    QUARANTINED.load(Ordering::Relaxed)
+}
+
+impl Recipe {
+    /// The class, loaded now where it was not.
+    ///
+    /// # Errors
+    /// In words, when it cannot be loaded.
+    pub fn class(&self) -> Result<Class, String> {
+        match &self.source {
+            Source::Loaded(class) => Ok(class.clone()),
+            Source::Lazy(load) => load(),
+        }
+    }
+
+    /// Gathers what the constructor needs: class, bindings to the slot's ports, property texts.
+    ///
+    /// # Errors
+    /// In words, when the class cannot be loaded or does not fit the slot.
+    pub fn gather(&self, slot: &Slot) -> Result<Parts, String> {
+        let class = self.class()?;
+        let decl = &class.exported().decl;
+        let bindings = bind(decl, slot)?;
+        let handles = bindings.iter().map(Binding::handle).collect();
+        let properties = decl.properties.iter().map(|property| self.property(property)).collect();
+        Ok(Parts { class, bindings, handles, properties, stack_bytes: self.stack_bytes })
+    }
+
+    fn property(&self, decl: &component_sdk::abi::class::PropertyDecl) -> String {
+        let given = self.properties.iter().find(|(name, _)| name == decl.name.as_str());
+        given.map_or_else(|| decl.default.to_string(), |(_, text)| text.clone())
+    }
+}
+
+fn bind(decl: &ClassDecl, slot: &Slot) -> Result<Vec<Arc<Binding>>, String> {
+    decl.ports
+        .iter()
+        .map(|port| {
+            let end = slot.end(port.name.as_str(), port.direction == Direction::Input);
+            end.map(Binding::new).ok_or_else(|| format!("class {}: the slot has no port `{}`", decl.name, port.name))
+        })
+        .collect()
+}
+
+impl Parts {
+    /// Runs the constructor: plugin code, so on a fiber only.
+    ///
+    /// # Errors
+    /// How the constructor ended, and its text.
+    pub fn build(&self) -> Result<Instance, (CallStatus, String)> {
+        let texts: Vec<RStr<'_>> = self.properties.iter().map(|text| RStr::from_str(text)).collect();
+        Instance::create(self.class.exported(), &self.handles, &texts)
+    }
+
+    /// The unit, once the instance is there.
+    #[must_use]
+    pub fn finish(self, instance: Instance) -> Unit {
+        Unit {
+            instance,
+            class: self.class.name(),
+            stack_bytes: self.stack_bytes,
+            spent: false,
+            bindings: self.bindings,
+        }
+    }
+
+    /// Stack of its fibers in bytes.
+    #[must_use]
+    pub const fn stack_bytes(&self) -> usize {
+        self.stack_bytes
+    }
+
+    /// The class's name.
+    #[must_use]
+    pub fn class_name(&self) -> &'static str {
+        self.class.name()
+    }
+
+    /// The constructor trapped: what it was given may still be in somebody's hands.
+    pub fn abandon(self) {
+        close(&self.bindings);
+        #[allow(clippy::mem_forget, reason = "handles of a constructor that trapped must stay valid")]
+        std::mem::forget(self.bindings);
+    }
+}
+
+impl Unit {
+    /// The instance trapped: its ports are closed, it is never entered again, and nothing of it is freed.
+    pub fn quarantine(self) {
+        QUARANTINED.fetch_add(1, Ordering::Relaxed);
+        close(&self.bindings);
+        #[allow(clippy::mem_forget, reason = "a quarantined instance is never dropped: its memory may be half-changed")]
+        std::mem::forget(self);
+    }
+
+    /// Closes its ports before it is destroyed.
+    pub fn close(&self) {
+        close(&self.bindings);
+    }
+}
+
+fn close(bindings: &[Arc<Binding>]) {
+    bindings.iter().for_each(|binding| binding.close());
+}

@@ -1,0 +1,138 @@
+//! The journal: append-only, one JSON object a line, each with a checksum as its last field.
+//!
+//! A line is written by one `write` system call, so that after `kill -9` only the last one can be incomplete, and its
+//! checksum says so.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+use crate::model::fault::FaultEvent;
+use crate::sys::clock;
+
+/// An open journal.
+#[derive(Debug)]
+pub struct Journal {
+    file: File,
+    path: PathBuf,
+    sequence: u64,
+}
+
+impl Journal {
+    /// Opens a journal for appending; its directory is made where there is none.
+    ///
+    /// # Errors
+    /// When the file cannot be opened.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        if let Some(directory) = path.parent().filter(|directory| !directory.as_os_str().is_empty()) {
+            std::fs::create_dir_all(directory)?;
+        }
+        let file = OpenOptions::new().create(true).append(true).open(path)?;
+        Ok(Self { file, path: path.to_owned(), sequence: 0 })
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes a fault.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn fault(&mut self, event: &FaultEvent) -> io::Result<()> {
+        #[derive(Serialize)]
+        struct Diagnosis<'a> {
+            faulty: &'a str,
+            severity: crate::model::symptom::Severity,
+        }
+        let mut line = Map::new();
+        line.insert("slot".into(), event.slot.into());
+        line.insert("class".into(), event.class.into());
+        line.insert("symptom".into(), event.fault.symptom.name().into());
+        line.insert("injected".into(), event.fault.injected.into());
+        line.insert("evidence".into(), to_value(&event.fault.evidence)?);
+        line.insert("diagnosis".into(), to_value(&Diagnosis { faulty: event.slot, severity: event.severity })?);
+        line.insert("action".into(), to_value(&event.answer)?);
+        line.insert("successor".into(), event.successor.map_or(Value::Null, Value::from));
+        line.insert("outcome".into(), to_value(&event.outcome)?);
+        line.insert("times".into(), to_value(&event.times)?);
+        self.line("fault", event.fault.at_ns, line)
+    }
+
+    /// Writes anything else that belongs into the record.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn note(&mut self, kind: &str, fields: Map<String, Value>) -> io::Result<()> {
+        self.line(kind, clock::now_ns(), fields)
+    }
+
+    fn line(&mut self, kind: &str, mono_ns: u64, fields: Map<String, Value>) -> io::Result<()> {
+        self.sequence += 1;
+        let mut object = Map::new();
+        object.insert("kind".into(), kind.into());
+        object.insert("seq".into(), self.sequence.into());
+        object.insert("mono_ns".into(), mono_ns.into());
+        object.insert("wall".into(), wall_seconds().into());
+        object.extend(fields);
+        self.file.write_all(seal(&object)?.as_bytes())
+    }
+}
+
+fn to_value(value: &impl Serialize) -> io::Result<Value> {
+    serde_json::to_value(value).map_err(io::Error::other)
+}
+
+/// Seconds since 1970, for display.
+fn wall_seconds() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
+}
+
+/// The object as a line with `crc` as its last field: the CRC-32 of all before `,"crc"`.
+fn seal(object: &Map<String, Value>) -> io::Result<String> {
+    let mut line = serde_json::to_string(object)?;
+    line.pop();
+    let checksum = crc32fast::hash(line.as_bytes());
+    line.push_str(&format!(",\"crc\":\"{checksum:08x}\"}}\n"));
+    Ok(line)
+}
+
+/// Reads a line back; `None`: it is incomplete or damaged.
+#[must_use]
+pub fn unseal(line: &str) -> Option<Value> {
+    let (body, tail) = line.trim_end().rsplit_once(",\"crc\":\"")?;
+    let checksum = u32::from_str_radix(tail.strip_suffix("\"}")?, 16).ok()?;
+    (crc32fast::hash(body.as_bytes()) == checksum).then(|| serde_json::from_str(line).ok())?
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn a_line_is_read_back_and_a_damaged_one_is_not() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("deep/journal.jsonl");
+        let mut journal = Journal::open(&path).unwrap();
+        journal.note("start", Map::from_iter([("slots".into(), 3.into())])).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert_eq!(unseal(&text).unwrap()["slots"], 3);
+        assert!(unseal(&text.replace('3', "4")).is_none());
+        assert!(unseal(&text[..text.len() - 4]).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn no_line_is_too_wild(line in ".*") {
+            let _ = unseal(&line);
+        }
+    }
+}

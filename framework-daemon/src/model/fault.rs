@@ -1,0 +1,207 @@
+//! A fault event: what joins detection, which sits low, and handling, which sits high. Plain data.
+//!
+//! Everything in [`Fault`] is `Copy` and of fixed size, because it is put together on the recovery path, where nothing
+//! allocates; [`FaultEvent`] is made from it afterwards.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::ladder::Answer;
+use super::limits::TEXT_BYTES;
+use super::symptom::{Severity, Symptom};
+
+/// A text of fixed size that cuts instead of growing.
+#[derive(Clone, Copy)]
+pub struct ShortText {
+    bytes: [u8; TEXT_BYTES],
+    len: u16,
+}
+
+impl ShortText {
+    /// No text.
+    pub const EMPTY: Self = Self { bytes: [0; TEXT_BYTES], len: 0 };
+
+    /// The text, cut at a character border.
+    #[must_use]
+    pub fn new(text: &str) -> Self {
+        let mut end = text.len().min(TEXT_BYTES);
+        while !text.is_char_boundary(end) {
+            end -= 1;
+        }
+        let mut short = Self::EMPTY;
+        short.bytes[..end].copy_from_slice(&text.as_bytes()[..end]);
+        short.len = end as u16;
+        short
+    }
+
+    /// The text.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        std::str::from_utf8(&self.bytes[..usize::from(self.len)]).unwrap_or_default()
+    }
+}
+
+impl fmt::Debug for ShortText {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(self.as_str(), f)
+    }
+}
+
+impl Serialize for ShortText {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.as_str())
+    }
+}
+
+/// What a detector saw.
+#[derive(Clone, Copy, Debug)]
+pub struct Fault {
+    /// The symptom.
+    pub symptom: Symptom,
+    /// Monotonic time of the fault in nanoseconds: of the faulting instruction where it was provoked, of the signal
+    /// handler's entry or the callback's return else.
+    pub at_ns: u64,
+    /// When the executor knew of it.
+    pub detected_ns: u64,
+    /// It was provoked by a drill.
+    pub injected: bool,
+    /// What it rests on.
+    pub evidence: Evidence,
+}
+
+/// What a symptom rests on.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum Evidence {
+    /// A signal.
+    Trap(TrapEvidence),
+    /// A panic.
+    Panic {
+        /// Its message.
+        message: ShortText,
+        /// Source file.
+        file: ShortText,
+        /// Line in it.
+        line: u32,
+    },
+    /// A text: what a callback returned or a component raised.
+    Text {
+        /// The text.
+        message: ShortText,
+    },
+    /// A value outside its range.
+    Value {
+        /// Port that carried it.
+        port: ShortText,
+        /// Field that holds it.
+        field: ShortText,
+        /// The value.
+        value: f64,
+        /// The bound that it crossed.
+        limit: f64,
+    },
+}
+
+/// A signal and where it struck.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct TrapEvidence {
+    /// Signal number.
+    pub signal: i32,
+    /// Address that was accessed, or that holds the instruction.
+    pub address: u64,
+    /// Program counter.
+    pub pc: u64,
+    /// Stack pointer.
+    pub sp: u64,
+}
+
+impl Evidence {
+    /// The text handed to `on_error` and `recover`.
+    #[must_use]
+    pub fn message(&self) -> ShortText {
+        match self {
+            Self::Trap(trap) => ShortText::new(trap.signal_name()),
+            Self::Panic { message, .. } | Self::Text { message } => *message,
+            Self::Value { field, .. } => *field,
+        }
+    }
+}
+
+impl TrapEvidence {
+    /// `SIGSEGV` and kin.
+    #[must_use]
+    pub const fn signal_name(&self) -> &'static str {
+        match self.signal {
+            libc::SIGSEGV => "SIGSEGV",
+            libc::SIGBUS => "SIGBUS",
+            libc::SIGFPE => "SIGFPE",
+            libc::SIGILL => "SIGILL",
+            libc::SIGABRT => "SIGABRT",
+            _ => "signal",
+        }
+    }
+}
+
+/// How the handling of a fault ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Outcome {
+    /// The slot works again.
+    Recovered,
+    /// The slot is stopped.
+    Stopped,
+    /// Nothing was done.
+    Ignored,
+}
+
+/// Times of the steps, nanoseconds after the fault.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Times {
+    /// The executor knew of it.
+    pub detected_ns: u64,
+    /// The answer was looked up.
+    pub decided_ns: u64,
+    /// The successor, or the reset instance, was started.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ready_ns: Option<u64>,
+    /// Its first callback was completed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub first_callback_ns: Option<u64>,
+}
+
+/// A fault with what was done about it, on its way to the fault manager.
+#[derive(Clone, Debug)]
+pub struct FaultEvent {
+    /// Blamed slot.
+    pub slot: &'static str,
+    /// Class of the blamed instance.
+    pub class: &'static str,
+    /// What was seen.
+    pub fault: Fault,
+    /// How severe the rules say it is.
+    pub severity: Severity,
+    /// What was done.
+    pub answer: Answer,
+    /// Class that fills the slot now; `None`: nobody does.
+    pub successor: Option<&'static str>,
+    /// How it ended.
+    pub outcome: Outcome,
+    /// When.
+    pub times: Times,
+}
+
+/// Where executors put fault events; the fault manager holds the other end. Bounded: what does not fit is counted.
+pub type FaultSender = crossbeam_channel::Sender<FaultEvent>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_text_is_cut_at_a_character_border() {
+        let text = format!("{}é", "x".repeat(TEXT_BYTES - 1));
+        assert_eq!(ShortText::new(&text).as_str().len(), TEXT_BYTES - 1);
+        assert_eq!(ShortText::new("hello").as_str(), "hello");
+    }
+}

@@ -1,0 +1,54 @@
+//! One method for each shim: the only caller of plugin code. Always called on a fiber, by [`crate::exec::callback`].
+#![allow(unsafe_code, reason = "address of unsafe: an instance may move between threads")]
+
+use abi_stable::std_types::{RSlice, RStr};
+use component_sdk::abi::class::{CallArgs, CallStatus, ComponentClass, CreateArgs, CreateResult};
+use component_sdk::abi::payload::PortHandle;
+
+/// An object of a component class. Not dropped by itself: [`Instance::destroy`] does it, on a fiber, or nobody: an
+/// instance that trapped is never entered again.
+pub struct Instance {
+    class: &'static ComponentClass,
+    object: *mut (),
+}
+
+// SAFETY: a component is `Send` (a supertrait of the SDK's `Component`), and the daemon enters an instance from one
+// thread at a time, because only its owner can call `enter`, which needs `&mut`.
+unsafe impl Send for Instance {}
+
+impl Instance {
+    /// Builds one.
+    ///
+    /// # Errors
+    /// The shim's status and text when the component's constructor failed.
+    pub fn create(
+        class: &'static ComponentClass,
+        ports: &[PortHandle],
+        properties: &[RStr<'_>],
+    ) -> Result<Self, (CallStatus, String)> {
+        let args = CreateArgs { ports: RSlice::from_slice(ports), properties: RSlice::from_slice(properties) };
+        let CreateResult { instance, status, error } = (class.create)(&args);
+        if status == CallStatus::Done && !instance.is_null() {
+            Ok(Self { class, object: instance })
+        } else {
+            Err((status, error.into()))
+        }
+    }
+
+    /// Its class.
+    #[must_use]
+    pub const fn class(&self) -> &'static ComponentClass {
+        self.class
+    }
+
+    /// Enters a callback.
+    pub fn enter(&mut self, args: &CallArgs<'_>) -> CallStatus {
+        (self.class.call)(self.object, args)
+    }
+
+    /// Drops the object.
+    pub fn destroy(&mut self) -> CallStatus {
+        let object = std::mem::replace(&mut self.object, std::ptr::null_mut());
+        if object.is_null() { CallStatus::Done } else { (self.class.drop)(object) }
+    }
+}

@@ -1,0 +1,21 @@
+//! A `.so` file to a handle that the rest can use safely: `discover -> image -> library -> compat -> instance`.
+
+/// Header checks before any call: both values, and what to do.
+pub mod compat;
+
+/// Which file serves which `library_name`.
+pub mod discover;
+
+/// What a component's callbacks tell the daemon besides data: logs, panics, errors.
+pub mod host;
+
+/// What the file says before it is loaded.
+pub mod image;
+
+/// One method for each shim; the only caller of plugin code.
+pub mod instance;
+
+/// Private copy, `dlopen`, root module; never `dlclose`.
+pub mod library;
+
+pub use library::{Class, Plugin};

@@ -1,0 +1,19 @@
+//! Data path, first half: `border (a component writes) -> check -> output -> input -> (reader wakes)`.
+//!
+//! Ports belong to slots. An instance has *bindings* to them, which are closed when it is replaced, so that a thread it
+//! left behind reaches nothing.
+
+/// Blocks: memory that carries one object.
+pub mod block;
+
+/// Where plugins' port calls arrive: handles become safe calls.
+pub mod border;
+
+/// Range checks on the values of a port or connection.
+pub mod check;
+
+/// Output ports and their connections.
+pub mod output;
+
+/// Input ports: newest or FIFO.
+pub mod input;

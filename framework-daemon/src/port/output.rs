@@ -1,0 +1,182 @@
+//! Output ports: a block is lent, filled by the component, checked, and handed to every connected input by reference.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use arc_swap::ArcSwap;
+use component_sdk::abi::payload::LoanResult;
+use component_sdk::object::TypeDescriptor;
+use component_sdk::port::Sent;
+
+use super::block::{Block, Sample};
+use super::check::{self, Checks, Verdict};
+use super::input::{InPort, Pushed};
+use crate::model::limits::SPARE_BLOCKS;
+use crate::sys::clock;
+
+/// One connection: an input port, and the checks on the way to it.
+#[derive(Clone)]
+pub struct Link {
+    /// Where it leads.
+    pub target: Arc<InPort>,
+    /// Checks of the connection.
+    pub checks: Arc<Checks>,
+}
+
+/// An output port of a slot.
+pub struct OutPort {
+    /// Name.
+    pub name: String,
+    /// What it carries.
+    pub object: &'static TypeDescriptor,
+    /// Checks of the port itself.
+    pub checks: Checks,
+    links: ArcSwap<Vec<Link>>,
+    // Held for a few instructions in which no memory of a plugin is touched, so that no thread can fault with it.
+    blocks: Mutex<Blocks>,
+    sent: AtomicU64,
+}
+
+#[derive(Default)]
+struct Blocks {
+    all: Vec<Sample>,
+    cursor: usize,
+    on_loan: Option<usize>,
+}
+
+impl OutPort {
+    /// An unconnected port.
+    #[must_use]
+    pub fn new(name: &str, object: &'static TypeDescriptor, checks: Checks) -> Self {
+        let port = Self {
+            name: name.to_owned(),
+            object,
+            checks,
+            links: ArcSwap::default(),
+            blocks: Mutex::default(),
+            sent: AtomicU64::new(0),
+        };
+        port.connect(Vec::new());
+        port
+    }
+
+    /// Replaces all connections at once; values on their way over others are not touched. Makes blocks for all that
+    /// the readers can hold, so that no write allocates.
+    pub fn connect(&self, links: Vec<Link>) {
+        let wanted = links.iter().map(|link| link.target.capacity()).sum::<usize>() + SPARE_BLOCKS;
+        let mut blocks = self.blocks();
+        while blocks.all.len() < wanted {
+            blocks.all.push(Arc::new(Block::new(self.object)));
+        }
+        drop(blocks);
+        self.links.store(Arc::new(links));
+    }
+
+    /// Values sent.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.sent.load(Ordering::Relaxed)
+    }
+
+    /// Lends a block that no reader holds.
+    pub(super) fn loan(&self) -> LoanResult {
+        let mut blocks = self.blocks();
+        blocks.forget_lost_loan(self.object);
+        let index = blocks.free(self.object);
+        blocks.on_loan = Some(index);
+        let block = &blocks.all[index];
+        LoanResult { value: block.value(), initialised: block.is_filled() }
+    }
+
+    /// Takes a block back, unsent; the object in it is whole.
+    pub(super) fn give_back(&self, value: *mut u8) {
+        if let Some(block) = self.end_loan(value) {
+            block.fill(0);
+        }
+    }
+
+    /// Sends the block on loan.
+    pub(super) fn publish(&self, value: *mut u8) -> Sent {
+        let Some(sample) = self.end_loan(value) else { return Sent::Closed };
+        let now_ns = clock::now_ns();
+        sample.fill(now_ns);
+        self.sent.fetch_add(1, Ordering::Relaxed);
+        let links = self.links.load();
+        if links.is_empty() {
+            return Sent::Unconnected;
+        }
+        match self.checks.judge(&self.name, &sample, now_ns) {
+            Verdict::Pass => deliver(&links, &sample, now_ns),
+            Verdict::Instead(held) => deliver(&links, &held, now_ns),
+            Verdict::Withhold => Sent::Dropped,
+        }
+    }
+
+    fn end_loan(&self, value: *mut u8) -> Option<Sample> {
+        let mut blocks = self.blocks();
+        let index = blocks.on_loan.take()?;
+        (blocks.all[index].value() == value).then(|| Arc::clone(&blocks.all[index]))
+    }
+
+    fn blocks(&self) -> MutexGuard<'_, Blocks> {
+        self.blocks.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Blocks {
+    /// A loan that was never returned belonged to a callback that a trap ended: what lies in its block is half-written.
+    fn forget_lost_loan(&mut self, object: &'static TypeDescriptor) {
+        if let Some(index) = self.on_loan.take() {
+            let lost = std::mem::replace(&mut self.all[index], Arc::new(Block::new(object)));
+            // Neither read nor dropped: its contents may be half an object. Counted with its instance.
+            std::mem::forget(lost);
+        }
+    }
+
+    /// Index of a block that only this port holds; a new one where readers hold more than they may.
+    fn free(&mut self, object: &'static TypeDescriptor) -> usize {
+        let count = self.all.len();
+        for step in 0..count {
+            let index = (self.cursor + step) % count;
+            if Arc::get_mut(&mut self.all[index]).is_some() {
+                self.cursor = index + 1;
+                return index;
+            }
+        }
+        self.all.push(Arc::new(Block::new(object)));
+        count
+    }
+}
+
+/// Hands `sample` to every reader.
+fn deliver(links: &[Link], sample: &Sample, now_ns: u64) -> Sent {
+    let mut outcome = Sent::Ok;
+    for link in links {
+        if !deliver_one(link, sample, now_ns) {
+            outcome = Sent::Dropped;
+        }
+    }
+    outcome
+}
+
+fn deliver_one(link: &Link, sample: &Sample, now_ns: u64) -> bool {
+    let target = &link.target;
+    let passed = match link.checks.judge(&target.name, sample, now_ns) {
+        Verdict::Pass => Arc::clone(sample),
+        Verdict::Instead(held) => held,
+        Verdict::Withhold => return false,
+    };
+    let passed = match target.checks.judge(&target.name, &passed, now_ns) {
+        Verdict::Pass => passed,
+        Verdict::Instead(held) => held,
+        Verdict::Withhold => return false,
+    };
+    match target.push(passed) {
+        Pushed::Kept | Pushed::OldestLost => true,
+        Pushed::NewestLost => false,
+        Pushed::Overload => {
+            check::report_overload(&target.name);
+            false
+        }
+    }
+}

@@ -1,0 +1,302 @@
+//! Plan to slots, executors, wiring: `catalogue -> slots -> install (create, initialize) -> wire -> start`.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use component_sdk::abi::class::{Direction, PortDecl};
+
+use super::catalogue::Catalogue;
+use super::system::{Placed, System};
+use super::wiring::{self, at, describe};
+use crate::exec::executor::Executor;
+use crate::exec::member::{Member, Standby};
+use crate::exec::slot::{Slot, Status};
+use crate::exec::trigger::{Bell, Doorbell, Signal};
+use crate::exec::unit::{Recipe, Source};
+use crate::model::fault::FaultSender;
+use crate::model::ladder::Ladder;
+use crate::model::limits::{BOOT_STEP, STACK_BYTES};
+use crate::model::names;
+use crate::model::schedule::Schedule;
+use crate::plugin::Class;
+use crate::port::check::Checks;
+use crate::port::input::InPort;
+use crate::port::output::OutPort;
+use crate::profile::plan::{
+    ComponentPlan, ConnectionPlan, DataPortPlan, Overflow, Plan, Preload, Property, Queue, SecondaryPlan, SlotPlan, Trigger,
+};
+
+/// Why a system could not be brought up, one text for each thing that is wrong.
+#[derive(Debug)]
+pub enum BootError {
+    /// Plugins that are missing or do not fit.
+    Plugins(Vec<String>),
+    /// Anything else.
+    Failed(Vec<String>),
+}
+
+/// Brings a system up.
+///
+/// # Errors
+/// Everything that is wrong with its plugins and connections at once; or the first component that cannot be
+/// initialised. Nothing runs then.
+pub fn boot(plan: Arc<Plan>, extra: &[PathBuf], faults: FaultSender) -> Result<System, BootError> {
+    let catalogue = Catalogue::default().in_directories(directories(&plan, extra));
+    let mut system = System { plan, executors: HashMap::new(), slots: Vec::new(), catalogue, faults };
+    let plan = Arc::clone(&system.plan);
+    let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;
+    for blueprint in blueprints {
+        let placed = place(&mut system, blueprint).map_err(|reason| BootError::Failed(vec![reason]))?;
+        system.slots.push(placed);
+    }
+    let links = wiring::build(&plan.connections, &system.slots).map_err(BootError::Plugins)?;
+    wiring::apply(links, &system.slots);
+    rank(&system.slots, &plan.connections);
+    start(&system.slots).map_err(|reason| BootError::Failed(vec![reason]))?;
+    Ok(system)
+}
+
+/// Where plugins are looked for: the command line's directories first.
+#[must_use]
+pub fn directories(plan: &Plan, extra: &[PathBuf]) -> Vec<PathBuf> {
+    extra.iter().chain(&plan.system.plugin_dirs).cloned().collect()
+}
+
+/// A slot with its classes, before anything of it exists.
+pub struct Blueprint<'a> {
+    plan: &'a SlotPlan,
+    class: Class,
+    standbys: Vec<(Recipe, Preload)>,
+    inputs: Vec<InPort>,
+    outputs: Vec<OutPort>,
+}
+
+/// Finds the classes of all slots and compiles their ports.
+///
+/// # Errors
+/// All that is wrong, one text each.
+pub fn draw<'a>(slots: &'a [SlotPlan], catalogue: &Catalogue) -> Result<Vec<Blueprint<'a>>, Vec<String>> {
+    let (mut drawn, mut errors) = (Vec::new(), Vec::new());
+    for plan in slots {
+        match Blueprint::new(plan, catalogue) {
+            Ok(blueprint) => drawn.push(blueprint),
+            Err(reason) => errors.push(reason),
+        }
+    }
+    errors.dedup();
+    if errors.is_empty() { Ok(drawn) } else { Err(errors) }
+}
+
+impl<'a> Blueprint<'a> {
+    fn new(plan: &'a SlotPlan, catalogue: &Catalogue) -> Result<Self, String> {
+        let class = catalogue.class(&plan.component)?;
+        let standbys = plan.rules.secondaries.iter().map(|secondary| standby(plan, secondary, &class, catalogue));
+        let standbys = standbys.collect::<Result<_, _>>()?;
+        let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
+        for decl in class.exported().decl.ports.iter() {
+            match decl.direction {
+                Direction::Input => inputs.push(input(decl, &plan.component)?),
+                Direction::Output => outputs.push(output(decl, &plan.component)?),
+            }
+        }
+        Ok(Self { plan, class, standbys, inputs, outputs })
+    }
+}
+
+fn declared<'p>(decl: &PortDecl, component: &'p ComponentPlan) -> Option<&'p DataPortPlan> {
+    component.data_ports.iter().find(|port| port.name == decl.name.as_str())
+}
+
+fn checks(decl: &PortDecl, declared: Option<&DataPortPlan>) -> Result<Checks, String> {
+    declared.map_or(Ok(Checks::default()), |port| {
+        Checks::compile(&port.validity, decl.object).map_err(|error| at(&port.location, &describe(&error)))
+    })
+}
+
+/// The profile's queue holds; where it says nothing of the port, the author's.
+fn input(decl: &PortDecl, component: &ComponentPlan) -> Result<InPort, String> {
+    let declared = declared(decl, component);
+    let queue = match (declared, decl.fifo) {
+        (Some(port), _) => port.queue,
+        (None, 0) => Queue::Last,
+        (None, size) => Queue::Fifo { size, overflow: Overflow::DropOldest },
+    };
+    Ok(InPort::new(decl.name.as_str(), decl.object, queue, checks(decl, declared)?))
+}
+
+fn output(decl: &PortDecl, component: &ComponentPlan) -> Result<OutPort, String> {
+    Ok(OutPort::new(decl.name.as_str(), decl.object, checks(decl, declared(decl, component))?))
+}
+
+/// A secondary: its class is loaded now unless its preload says otherwise, and must have the primary's ports.
+fn standby(
+    plan: &SlotPlan,
+    secondary: &SecondaryPlan,
+    primary: &Class,
+    catalogue: &Catalogue,
+) -> Result<(Recipe, Preload), String> {
+    let component = Arc::clone(&secondary.component);
+    let properties = merged(&component.properties, &plan.properties, &plan.component.properties);
+    let stack_bytes = component.execution.stack.unwrap_or(STACK_BYTES);
+    let source = if secondary.preload == Preload::None {
+        let (catalogue, primary) = (catalogue.clone(), primary.clone());
+        Source::Lazy(Arc::new(move || {
+            let class = catalogue.class(&component)?;
+            same_ports(&primary, &class).map(|()| class)
+        }))
+    } else {
+        let class = catalogue.class(&component)?;
+        same_ports(primary, &class).map_err(|reason| at(&secondary.location, &reason))?;
+        Source::Loaded(class)
+    };
+    Ok((Recipe { source, properties, stack_bytes }, secondary.preload))
+}
+
+fn same_ports(primary: &Class, secondary: &Class) -> Result<(), String> {
+    for port in secondary.exported().decl.ports.iter() {
+        let twin = primary.exported().decl.ports.iter().find(|twin| twin.name == port.name);
+        let fits = twin.is_some_and(|twin| {
+            twin.direction == port.direction && twin.object.layout_hash == port.object.layout_hash
+        });
+        if !fits {
+            let (own, name) = (secondary.name(), port.name);
+            return Err(format!("secondary {own}: its port `{name}` is not one of {} with the same object", primary.name()));
+        }
+    }
+    Ok(())
+}
+
+/// A secondary's own values, overridden by what the slot overrides: the slot's values that differ from its primary's.
+fn merged(own: &[Property], slot: &[Property], primary: &[Property]) -> Vec<(String, String)> {
+    let mut merged: HashMap<&str, &str> = own.iter().map(|p| (p.name.as_str(), p.value.as_str())).collect();
+    for property in slot.iter().filter(|property| !primary.contains(property)) {
+        merged.insert(&property.name, &property.value);
+    }
+    merged.into_iter().map(|(name, text)| (name.to_owned(), text.to_owned())).collect()
+}
+
+/// Brings a blueprint to life on its executor: created and initialised, not started, not connected.
+///
+/// # Errors
+/// In words.
+pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, String> {
+    let plan = blueprint.plan;
+    let executor = executor_for(system, plan)?;
+    let member = member(blueprint, executor.bell());
+    let (slot, autostart) = (Arc::clone(&member.slot), member.autostart);
+    let number = executor.install(member, BOOT_STEP)?;
+    Ok(Placed { slot, executor, member: number, autostart })
+}
+
+fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>) -> Member {
+    let Blueprint { plan, class, standbys, inputs, outputs } = blueprint;
+    let slot = Arc::new(Slot {
+        name: names::intern(&plan.name),
+        inputs: inputs.into_iter().map(Arc::new).collect(),
+        outputs: outputs.into_iter().map(Arc::new).collect(),
+        status: Status::new(class.name()),
+    });
+    let execution = &plan.component.execution;
+    let signal = Signal::new(Arc::clone(bell));
+    if execution.trigger == Trigger::Nonperiodic {
+        slot.inputs.iter().for_each(|port| port.listen(Box::new(Doorbell(Arc::clone(&signal)))));
+    }
+    let properties = plan.properties.iter().map(|property| (property.name.clone(), property.value.clone())).collect();
+    let stack_bytes = execution.stack.unwrap_or(STACK_BYTES);
+    let intensity = plan.rules.reset.map(|intensity| (intensity.limit, intensity.within));
+    Member {
+        slot,
+        trigger: execution.trigger,
+        autostart: execution.autostart,
+        signal,
+        recipe: Recipe { source: Source::Loaded(class), properties, stack_bytes },
+        ladder: Ladder::new(plan.rules.severity.clone(), intensity, standbys.len()),
+        standbys: standbys.into_iter().map(|(recipe, preload)| Standby { recipe, preload, unit: None }).collect(),
+        unit: None,
+        next_due_ns: 0,
+        rank: 0,
+        inject: 0,
+    }
+}
+
+/// The declared executor that the slot names, or one of its own, started when first needed.
+fn executor_for(system: &mut System, plan: &SlotPlan) -> Result<Arc<Executor>, String> {
+    let name = plan.executor.as_deref().unwrap_or(&plan.name);
+    if let Some(executor) = system.executors.get(name) {
+        return Ok(Arc::clone(executor));
+    }
+    let declared = system.plan.system.executors.iter().find(|executor| Some(&executor.name) == plan.executor.as_ref());
+    let schedule: Schedule = declared.map_or_else(|| plan.component.execution.schedule.clone(), |plan| plan.schedule.clone());
+    let executor = Executor::start(name, schedule, system.faults.clone());
+    let executor = Arc::new(executor.map_err(|error| format!("executor {name}: no thread: {error}"))?);
+    system.executors.insert(name.to_owned(), Arc::clone(&executor));
+    Ok(executor)
+}
+
+/// Gives every slot its place in the order of data flow: writers before readers; a loop is cut where it closes.
+pub fn rank(slots: &[Placed], connections: &[ConnectionPlan]) {
+    let order = flow_order(slots.iter().map(|placed| placed.slot.name).collect(), connections);
+    for placed in slots {
+        let rank = order.iter().position(|name| *name == placed.slot.name).unwrap_or(0);
+        // A stuck executor keeps its old order.
+        let _ = placed.executor.rank(vec![(placed.member, rank as u32)], BOOT_STEP);
+    }
+}
+
+/// Names in the order of data flow (depth first, as Tarjan 1976).
+fn flow_order<'a>(names: Vec<&'a str>, connections: &'a [ConnectionPlan]) -> Vec<&'a str> {
+    fn visit<'a>(name: &'a str, connections: &'a [ConnectionPlan], seen: &mut Vec<&'a str>, order: &mut Vec<&'a str>) {
+        if seen.contains(&name) {
+            return;
+        }
+        seen.push(name);
+        for connection in connections.iter().filter(|connection| connection.target.slot == name) {
+            visit(&connection.source.slot, connections, seen, order);
+        }
+        order.push(name);
+    }
+    let (mut seen, mut order) = (Vec::new(), Vec::new());
+    for name in names {
+        visit(name, connections, &mut seen, &mut order);
+    }
+    order
+}
+
+/// Starts every slot that starts by itself, in order.
+///
+/// # Errors
+/// The first whose `start` does not return.
+pub fn start(slots: &[Placed]) -> Result<(), String> {
+    for placed in slots.iter().filter(|placed| placed.autostart) {
+        let name = placed.slot.name;
+        placed.executor.start_member(placed.member, BOOT_STEP).map_err(|stuck| format!("slot {name}: {stuck}"))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile::plan::{Location, PortKind, PortRef};
+
+    fn connection(from: &str, to: &str) -> ConnectionPlan {
+        let end = |slot: &str| PortRef { slot: slot.into(), port: "p".into() };
+        ConnectionPlan {
+            kind: PortKind::Data,
+            source: end(from),
+            target: end(to),
+            validity: Vec::new(),
+            location: Location::default(),
+        }
+    }
+
+    #[test]
+    fn writers_come_before_readers_and_a_loop_is_cut() {
+        let connections = [connection("sonar", "avoider"), connection("avoider", "motors"), connection("motors", "sonar")];
+        let order = flow_order(vec!["motors", "avoider", "sonar"], &connections);
+        assert_eq!(order.len(), 3);
+        let acyclic = [connection("sonar", "avoider"), connection("avoider", "motors")];
+        assert_eq!(flow_order(vec!["motors", "avoider", "sonar"], &acyclic), ["sonar", "avoider", "motors"]);
+    }
+}

@@ -1,0 +1,111 @@
+//! Classes by name: libraries found in the plugin directories, loaded once, checked against the profile.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::SystemTime;
+
+use component_sdk::abi::class::Direction;
+
+use crate::plugin::{Class, Plugin, discover};
+use crate::port::border::HOST;
+use crate::profile::plan::{ComponentPlan, Usage};
+
+/// A file at a moment: a rebuilt plugin is another one.
+type Key = (PathBuf, u64, Option<SystemTime>);
+
+/// All plugins of the process.
+#[derive(Clone, Default)]
+pub struct Catalogue {
+    directories: Vec<PathBuf>,
+    loaded: Arc<Mutex<HashMap<Key, Arc<Plugin>>>>,
+}
+
+impl Catalogue {
+    /// The same plugins, searched in other directories.
+    #[must_use]
+    pub fn in_directories(&self, directories: Vec<PathBuf>) -> Self {
+        Self { directories, loaded: Arc::clone(&self.loaded) }
+    }
+
+    /// The class that a component profile names, checked against it.
+    ///
+    /// # Errors
+    /// In words: no such library, refused, no such class, other ports.
+    pub fn class(&self, component: &ComponentPlan) -> Result<Class, String> {
+        let location = &component.location;
+        let place = format!("{}:{}:{}", location.file.display(), location.line, location.column);
+        self.find(component).map_err(|reason| format!("{place}: error: component `{}`: {reason}", component.name))
+    }
+
+    fn find(&self, component: &ComponentPlan) -> Result<Class, String> {
+        let file = self.file(component).ok_or_else(|| self.not_found(&component.library))?;
+        let plugin = self.plugin(&file)?;
+        let class = plugin.class(&component.name).ok_or_else(|| {
+            let known: Vec<_> = plugin.classes().iter().map(Class::name).collect();
+            format!("plugin {} exports no such class; it has: {}", file.display(), known.join(", "))
+        })?;
+        check_ports(component, &class)?;
+        check_properties(component, &class)?;
+        Ok(class)
+    }
+
+    fn file(&self, component: &ComponentPlan) -> Option<PathBuf> {
+        let beside = component.location.file.parent().map(Path::to_owned);
+        let mut directories = self.directories.clone();
+        directories.extend(beside);
+        discover::find(&component.library, &directories)
+    }
+
+    fn not_found(&self, library: &str) -> String {
+        let names = discover::candidates(library).join(", ");
+        let places: Vec<_> = self.directories.iter().map(|directory| directory.display().to_string()).collect();
+        format!(
+            "no plugin for library_name `{library}`: looked for {names} in {} and beside the profile; \
+             name its directory by `--plugins DIR` or `<plugins>` in the system profile",
+            if places.is_empty() { "no plugin directory".into() } else { places.join(", ") }
+        )
+    }
+
+    fn plugin(&self, file: &Path) -> Result<Arc<Plugin>, String> {
+        let metadata = std::fs::metadata(file).map_err(|error| format!("{}: {error}", file.display()))?;
+        let key = (file.to_owned(), metadata.len(), metadata.modified().ok());
+        let mut loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(plugin) = loaded.get(&key) {
+            return Ok(Arc::clone(plugin));
+        }
+        let plugin = Plugin::load(file, &HOST).map_err(|refusal| refusal.to_string())?;
+        let (build, id) = (&plugin.header.build, &plugin.image.build_id);
+        tracing::info!("loaded {} ({build}, build id {id})", file.display());
+        loaded.insert(key, Arc::clone(&plugin));
+        Ok(plugin)
+    }
+}
+
+/// Every port of the profile must be one of the class, with the same direction. (Type names are the profile's; layouts
+/// are compared at connection.)
+fn check_ports(component: &ComponentPlan, class: &Class) -> Result<(), String> {
+    let decl = &class.exported().decl;
+    for port in &component.data_ports {
+        let wanted = if port.usage == Usage::Input { Direction::Input } else { Direction::Output };
+        let found = decl.ports.iter().find(|candidate| candidate.name.as_str() == port.name);
+        match found {
+            Some(candidate) if candidate.direction == wanted => {}
+            Some(_) => return Err(format!("port `{}` has the other direction in the plugin", port.name)),
+            None => {
+                let known: Vec<_> = decl.ports.iter().map(|port| port.name.as_str()).collect();
+                return Err(format!("the plugin's class has no port `{}`; it has: {}", port.name, known.join(", ")));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_properties(component: &ComponentPlan, class: &Class) -> Result<(), String> {
+    let decl = &class.exported().decl;
+    let unknown = component.properties.iter().find(|p| decl.properties.iter().all(|known| known.name.as_str() != p.name));
+    unknown.map_or(Ok(()), |property| {
+        let known: Vec<_> = decl.properties.iter().map(|property| property.name.as_str()).collect();
+        Err(format!("the plugin's class has no property `{}`; it has: {}", property.name, known.join(", ")))
+    })
+}

@@ -1,0 +1,19 @@
+//! Whole-system operations: `boot -> (reload)* -> shutdown`.
+
+/// Plan to slots, executors, wiring.
+pub mod boot;
+
+/// Classes by name: libraries found, loaded once, checked against the profile.
+pub mod catalogue;
+
+/// New plan, difference, prepare, commit; or nothing at all.
+pub mod reload;
+
+/// Reverse order, a deadline for each component.
+pub mod shutdown;
+
+/// The set of live things.
+pub mod system;
+
+/// Connections: layouts compared, links built.
+pub mod wiring;

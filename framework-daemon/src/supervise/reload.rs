@@ -1,0 +1,134 @@
+//! New plan, difference, prepare, commit; or nothing at all.
+//!
+//! Prepare may fail and touches nothing that runs: new plugins are loaded, new instances created and initialised beside
+//! the old ones, new links built. Commit cannot fail: old slots stop, links are swapped, new slots start. Slots that did
+//! not change are not even asked.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::boot::{self, Blueprint};
+use super::system::{Placed, System};
+use super::wiring::{self, Wiring};
+use crate::model::limits::SHUTDOWN_STEP as STEP;
+use crate::profile::diff::diff;
+use crate::profile::plan::{Plan, SlotPlan};
+
+/// What a reload did.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Changes {
+    /// Slots that are new.
+    pub added: Vec<String>,
+    /// Slots that are gone.
+    pub removed: Vec<String>,
+    /// Slots that were built anew.
+    pub changed: Vec<String>,
+    /// Slots that were not touched.
+    pub kept: usize,
+}
+
+/// Brings a running system to a new plan.
+///
+/// # Errors
+/// All that is wrong; the system runs on as it was.
+pub fn reload(system: &mut System, plan: Arc<Plan>, extra: &[PathBuf]) -> Result<Changes, Vec<String>> {
+    let (changes, fresh) = compare(system, &plan);
+    let catalogue = system.catalogue.in_directories(boot::directories(&plan, extra));
+    let blueprints = boot::draw(&fresh, &catalogue)?;
+    let old_plan = std::mem::replace(&mut system.plan, Arc::clone(&plan));
+    match prepare(system, blueprints, &plan, &changes) {
+        Ok((slots, wiring)) => {
+            system.catalogue = catalogue;
+            commit(system, slots, wiring, &changes);
+            Ok(changes)
+        }
+        Err(reasons) => {
+            system.plan = old_plan;
+            drop_unused_executors(system);
+            Err(reasons)
+        }
+    }
+}
+
+/// What changes, and the plans of all slots that must be built. A slot whose executor changed is built anew: a thread
+/// keeps its schedule for life.
+fn compare(system: &System, plan: &Plan) -> (Changes, Vec<SlotPlan>) {
+    let diff = diff(&system.plan, plan);
+    let moved = |slot: &&SlotPlan| slot.executor.as_ref().is_some_and(|name| diff.executors_changed.contains(name));
+    let is_new = |slot: &SlotPlan| diff.slots_added.contains(&slot.name);
+    let is_changed = |slot: &SlotPlan| !is_new(slot) && (diff.slots_changed.contains(&slot.name) || moved(&slot));
+    let fresh: Vec<SlotPlan> = plan.slots.iter().filter(|slot| is_new(slot) || is_changed(slot)).cloned().collect();
+    let changed = fresh.iter().filter(|slot| is_changed(slot)).map(|slot| slot.name.clone()).collect();
+    let kept = plan.slots.len() - fresh.len();
+    (Changes { added: diff.slots_added.clone(), removed: diff.slots_removed.clone(), changed, kept }, fresh)
+}
+
+/// Creates and initialises what is new and builds the new links. Undoes itself when it fails.
+fn prepare(
+    system: &mut System,
+    blueprints: Vec<Blueprint<'_>>,
+    plan: &Plan,
+    changes: &Changes,
+) -> Result<(Vec<Placed>, Wiring), Vec<String>> {
+    let mut placed = Vec::new();
+    let result = blueprints.into_iter().try_for_each(|blueprint| {
+        placed.push(boot::place(system, blueprint)?);
+        Ok(())
+    });
+    let slots = assemble(system, &placed, plan, changes);
+    let built = result.map_err(|reason: String| vec![reason]).and_then(|()| wiring::build(&plan.connections, &slots));
+    match built {
+        Ok(wiring) => Ok((slots, wiring)),
+        Err(reasons) => {
+            for new in placed {
+                let _ = new.executor.remove(new.member, STEP);
+            }
+            Err(reasons)
+        }
+    }
+}
+
+/// The slots of the new plan, in its order: kept ones as they are, the others new.
+fn assemble(system: &System, placed: &[Placed], plan: &Plan, changes: &Changes) -> Vec<Placed> {
+    let kept = |name: &str| {
+        let gone = changes.changed.iter().any(|changed| changed == name);
+        system.slot(name).filter(|_| !gone).cloned()
+    };
+    let new = |name: &str| placed.iter().find(|new| new.slot.name == name).cloned();
+    plan.slots.iter().filter_map(|slot| new(&slot.name).or_else(|| kept(&slot.name))).collect()
+}
+
+fn commit(system: &mut System, slots: Vec<Placed>, wiring: Wiring, changes: &Changes) {
+    let leaves = |placed: &&Placed| {
+        let name = placed.slot.name;
+        changes.removed.iter().chain(&changes.changed).any(|gone| gone == name)
+    };
+    let leaving: Vec<Placed> = system.slots.iter().rev().filter(leaves).cloned().collect();
+    for old in &leaving {
+        warn_if_stuck(old, old.executor.stop_member(old.member, STEP).is_err());
+    }
+    wiring::apply(wiring, &slots);
+    for old in &leaving {
+        warn_if_stuck(old, old.executor.remove(old.member, STEP).is_err());
+    }
+    let is_new = |placed: &&Placed| changes.added.iter().chain(&changes.changed).any(|name| name == placed.slot.name);
+    let starting: Vec<Placed> = slots.iter().filter(is_new).cloned().collect();
+    boot::rank(&slots, &system.plan.connections);
+    system.slots = slots;
+    if let Err(reason) = boot::start(&starting) {
+        tracing::error!("{reason}");
+    }
+    drop(leaving);
+    drop_unused_executors(system);
+}
+
+fn warn_if_stuck(placed: &Placed, stuck: bool) {
+    if stuck {
+        tracing::error!("slot {}: it does not return: left behind", placed.slot.name);
+    }
+}
+
+fn drop_unused_executors(system: &mut System) {
+    let slots = &system.slots;
+    system.executors.retain(|_, executor| slots.iter().any(|placed| Arc::ptr_eq(&placed.executor, executor)));
+}

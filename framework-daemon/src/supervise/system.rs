@@ -1,0 +1,51 @@
+//! The set of live things: executors and slots by name, and the plan that they follow.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::catalogue::Catalogue;
+use crate::exec::executor::Executor;
+use crate::exec::slot::Slot;
+use crate::model::fault::FaultSender;
+use crate::profile::plan::Plan;
+
+/// A slot that runs somewhere.
+#[derive(Clone)]
+pub struct Placed {
+    /// The slot.
+    pub slot: Arc<Slot>,
+    /// Its executor.
+    pub executor: Arc<Executor>,
+    /// Its number there.
+    pub member: usize,
+    /// Whether it is started at boot.
+    pub autostart: bool,
+}
+
+/// All that runs.
+pub struct System {
+    /// What it follows.
+    pub plan: Arc<Plan>,
+    /// Executors by name.
+    pub executors: HashMap<String, Arc<Executor>>,
+    /// Slots in the order in which they were started.
+    pub slots: Vec<Placed>,
+    /// Where plugins come from.
+    pub catalogue: Catalogue,
+    /// To the fault manager.
+    pub faults: FaultSender,
+}
+
+impl System {
+    /// The slot of that name.
+    #[must_use]
+    pub fn slot(&self, name: &str) -> Option<&Placed> {
+        self.slots.iter().find(|placed| placed.slot.name == name)
+    }
+}
+
+/// Slots by name, for wiring.
+#[must_use]
+pub fn by_name(slots: &[Placed]) -> HashMap<&str, &Placed> {
+    slots.iter().map(|placed| (placed.slot.name, placed)).collect()
+}

@@ -1,0 +1,37 @@
+//! HUP, TERM and INT as values on a channel.
+
+use crossbeam_channel::Receiver;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+
+/// What a signal asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// SIGHUP: read the profiles again.
+    Reload,
+    /// SIGTERM or the first SIGINT: end in order.
+    Stop,
+}
+
+/// Listens from now on. A second SIGINT or SIGTERM leaves at once, whatever the daemon does.
+///
+/// # Errors
+/// When the handlers cannot be installed.
+pub fn listen() -> std::io::Result<Receiver<Request>> {
+    let mut signals = Signals::new([SIGHUP, SIGINT, SIGTERM])?;
+    let (sender, receiver) = crossbeam_channel::unbounded();
+    std::thread::Builder::new().name("signals".into()).spawn(move || {
+        let mut stopping = false;
+        for signal in signals.forever() {
+            let request = if signal == SIGHUP { Request::Reload } else { Request::Stop };
+            if request == Request::Stop && std::mem::replace(&mut stopping, true) {
+                eprintln!("second signal: leaving at once");
+                nix::sys::signal::raise(nix::sys::signal::Signal::SIGKILL).ok();
+            }
+            if sender.send(request).is_err() {
+                return;
+            }
+        }
+    })?;
+    Ok(receiver)
+}

@@ -1,0 +1,229 @@
+//! Small components for the black-box tests: something that counts, something that passes on, something that listens.
+
+use component_sdk::prelude::*;
+
+/// A number on its way.
+#[repr(C)]
+#[derive(CommObject, Clone, Debug, Default, PartialEq)]
+pub struct Count {
+    /// How many were sent before this one.
+    pub number: u64,
+    /// Who sent it.
+    pub sender: Text,
+}
+
+/// Sends the next number each period.
+#[derive(Component)]
+#[component(name = "Ticker", version = "1.0", periodic = "2ms")]
+pub struct Ticker {
+    #[port]
+    out: DataOut<Count>,
+    /// The first number.
+    #[property(default = 0, range = 0..=1000000)]
+    first: u64,
+    #[property(default = "ticker")]
+    label: String,
+    #[critical]
+    sent: u64,
+}
+
+impl Callbacks for Ticker {
+    fn start(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "starts at {}", self.first);
+        Ok(())
+    }
+
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        let mut count = self.out.loan();
+        count.number = self.first + self.sent;
+        count.sender.set(&self.label);
+        count.send();
+        self.sent += 1;
+        Ok(())
+    }
+
+    fn on_error(&mut self, cx: &mut Context<'_>, fault: &FaultInfo<'_>) -> Outcome {
+        warn!(cx, "on_error: {}: {}", fault.symptom, fault.message);
+        Ok(())
+    }
+
+    fn reset(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "reset");
+        Ok(())
+    }
+
+    fn recover(&mut self, cx: &mut Context<'_>, fault: &FaultInfo<'_>) -> Outcome {
+        info!(cx, "recovers from {}", fault.symptom);
+        Ok(())
+    }
+}
+
+/// The same ports, another way: counts down from a million.
+#[derive(Component)]
+#[component(name = "Downer", version = "1.0", periodic = "2ms")]
+pub struct Downer {
+    #[port]
+    out: DataOut<Count>,
+    sent: u64,
+}
+
+impl Callbacks for Downer {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.out.write(Count { number: 1_000_000 - self.sent, sender: "downer".into() });
+        self.sent += 1;
+        Ok(())
+    }
+}
+
+/// Passes on what it hears.
+#[derive(Component)]
+#[component(name = "Relay", version = "1.0", nonperiodic)]
+pub struct Relay {
+    #[port]
+    heard: DataIn<Count>,
+    #[port]
+    said: DataOut<Count>,
+}
+
+impl Callbacks for Relay {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        if let Some(count) = self.heard.fresh() {
+            self.said.write(count.clone());
+        }
+        Ok(())
+    }
+}
+
+/// Logs every hundredth number that it hears.
+#[derive(Component)]
+#[component(name = "Listener", version = "1.0", nonperiodic)]
+pub struct Listener {
+    #[port(fifo = 64)]
+    heard: DataIn<Count>,
+    received: u64,
+}
+
+impl Callbacks for Listener {
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        while let Some(count) = self.heard.take() {
+            self.received += 1;
+            if self.received % 100 == 1 {
+                info!(cx, "heard {} of {} from {}", self.received, count.number, count.sender);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Logs each of its callbacks, the frequent ones once.
+#[derive(Component)]
+#[component(name = "Diary", version = "1.0", periodic = "5ms")]
+pub struct Diary {
+    executed: bool,
+    updated: bool,
+}
+
+impl Callbacks for Diary {
+    fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "hook initialize");
+        Ok(())
+    }
+    fn start(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "hook start");
+        Ok(())
+    }
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        if !std::mem::replace(&mut self.executed, true) {
+            info!(cx, "hook execute");
+        }
+        Ok(())
+    }
+    fn update(&mut self, cx: &mut Context<'_>) -> Outcome {
+        if !std::mem::replace(&mut self.updated, true) {
+            info!(cx, "hook update");
+        }
+        Ok(())
+    }
+    fn stop(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "hook stop");
+        Ok(())
+    }
+    fn destroy(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "hook destroy");
+        Ok(())
+    }
+    fn on_error(&mut self, cx: &mut Context<'_>, fault: &FaultInfo<'_>) -> Outcome {
+        info!(cx, "hook error {}", fault.symptom);
+        Ok(())
+    }
+    fn reset(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "hook reset");
+        Ok(())
+    }
+    fn recover(&mut self, cx: &mut Context<'_>, fault: &FaultInfo<'_>) -> Outcome {
+        info!(cx, "hook recover {}", fault.symptom);
+        Ok(())
+    }
+}
+
+/// Sends a distance that is out of range every now and then.
+#[derive(Component)]
+#[component(name = "Sonar", version = "1.0", periodic = "2ms")]
+pub struct Sonar {
+    #[port]
+    out: DataOut<Range>,
+    /// Every so many readings are zero.
+    #[property(default = 10, range = 1..=1000)]
+    bad_every: u64,
+    sent: u64,
+}
+
+impl Callbacks for Sonar {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.sent += 1;
+        let range = if self.sent.is_multiple_of(self.bad_every) { 0.0 } else { 1.0 + self.sent as f32 / 1e6 };
+        self.out.write(Range { range, ..Range::default() });
+        Ok(())
+    }
+}
+
+/// Counts the distances that it hears, zeros apart.
+#[derive(Component)]
+#[component(name = "Gauge", version = "1.0", nonperiodic)]
+pub struct Gauge {
+    #[port]
+    heard: DataIn<Range>,
+    good: u64,
+    zeros: u64,
+}
+
+impl Callbacks for Gauge {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        match self.heard.fresh() {
+            Some(range) if range.range == 0.0 => self.zeros += 1,
+            Some(_) => self.good += 1,
+            None => {}
+        }
+        Ok(())
+    }
+
+    fn stop(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "good {} zeros {}", self.good, self.zeros);
+        Ok(())
+    }
+}
+
+/// Does not return from `stop`.
+#[derive(Component)]
+#[component(name = "Stubborn", version = "1.0", passive)]
+pub struct Stubborn {}
+
+impl Callbacks for Stubborn {
+    fn stop(&mut self, _: &mut Context<'_>) -> Outcome {
+        loop {
+            std::thread::sleep(std::time::Duration::from_secs(1));
+        }
+    }
+}
+
+export_components!(Ticker, Downer, Relay, Listener, Diary, Sonar, Gauge, Stubborn);

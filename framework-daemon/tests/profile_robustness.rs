@@ -232,6 +232,26 @@ fn many_findings_in_one_long_line_cost_little() {
     assert_eq!(last, Some("89000 more findings in this file are not shown"));
 }
 
+/// Each level of composites holds ten of the next: flattened, they would be more than memory holds.
+#[test]
+fn composites_cannot_multiply_without_end() {
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    for level in 0..12 {
+        let slots: String = (0..10)
+            .map(|i| format!("<subcomponent><name>x{i}</name><reference>C{}.xml</reference></subcomponent>", level + 1))
+            .collect();
+        let text = format!(
+            "<composite_component_profile><name>C{level}</name><subcomponents>{slots}</subcomponents><export_ports/>\
+             </composite_component_profile>"
+        );
+        write(dir.path(), &format!("C{level}.xml"), text.as_bytes());
+    }
+    write(dir.path(), "C12.xml", COMPONENT.as_bytes());
+    write(dir.path(), "app.xml", GOOD.replace("A.xml", "C0.xml").as_bytes());
+    let found = load(dir.path()).expect_err("too many slots");
+    assert!(found.iter().any(|finding| finding.message.contains("slots in one directory")), "{found:?}");
+}
+
 #[test]
 fn a_thousand_slots_in_one_circle_of_dependencies_are_refused_with_the_path() {
     let slots: String = (0..1000)

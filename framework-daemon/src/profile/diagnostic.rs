@@ -224,6 +224,12 @@ impl Reporter {
         self.source.location(span)
     }
 
+    /// True where a further finding is only counted: nobody will read its hint.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        self.findings.len() >= limits::DIAGNOSTICS
+    }
+
     /// All findings.
     #[must_use]
     pub fn into_findings(mut self) -> Vec<Diagnostic> {

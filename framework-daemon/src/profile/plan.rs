@@ -475,6 +475,8 @@ pub struct Intensity {
 pub struct SecondaryPlan {
     /// Its class.
     pub component: Arc<ComponentPlan>,
+    /// Its property values: its own profile's, overridden by the slot's where it declares them too.
+    pub properties: Vec<Property>,
     /// How far it is prepared.
     pub preload: Preload,
     /// Where it was declared.

@@ -2,3 +2,12 @@
 
 /// Where the daemon's binary is.
 pub mod daemon_binary;
+
+/// A plugin from outside the repository.
+pub mod outside;
+
+/// A profile directory of the basic test components.
+pub mod profiles;
+
+/// A daemon that runs.
+pub mod running;

@@ -4,10 +4,10 @@
 mod common;
 
 use std::fs::File;
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command as Process, Output};
+use std::process::{Command as Process, Output, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -60,19 +60,15 @@ impl Bench {
     }
 
     fn demo(&self, how: &str, options: &[&str]) -> Output {
-        Process::new(env!("CARGO_BIN_EXE_robot-demo"))
-            .arg("--profile")
-            .arg(self.path("profile"))
-            .arg("--out")
-            .arg(self.path("out"))
-            .arg("--world")
-            .arg(self.path("world.json"))
-            .arg("--daemon")
-            .arg(self.daemon(how))
-            .args(["--headless", "--timeout", "30"])
-            .args(options)
-            .output()
-            .unwrap()
+        self.command(how, options).output().unwrap()
+    }
+
+    fn command(&self, how: &str, options: &[&str]) -> Process {
+        let mut command = Process::new(env!("CARGO_BIN_EXE_robot-demo"));
+        command.arg("--profile").arg(self.path("profile")).arg("--out").arg(self.path("out"));
+        command.arg("--world").arg(self.path("world.json")).arg("--daemon").arg(self.daemon(how));
+        command.args(["--headless", "--timeout", "30"]).args(options);
+        command
     }
 }
 
@@ -112,6 +108,23 @@ fn a_daemon_that_never_gets_ready_shows_its_last_words() {
 }
 
 #[test]
+fn a_signal_ends_everything_that_was_started() {
+    let bench = Bench::new();
+    let mut demo = bench.command("waits", &[]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let pid = rustix::process::Pid::from_child(&demo);
+    let mut lines = BufReader::new(demo.stdout.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains("daemon ready")));
+    let short = std::env::temp_dir().join(format!("robot-demo-{}", demo.id()));
+    assert!(short.join("board").exists());
+    rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+    let output = demo.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("interrupted"), "{output:?}");
+    assert!(!short.exists(), "the simulator's places are gone");
+    assert!(bench.path("out/profile/ended").exists(), "the daemon was asked to end");
+}
+
+#[test]
 fn the_comparison_runs_three_times_with_three_profiles() {
     let bench = Bench::new();
     let output = bench.demo("drives", &["--compare-preload", "--inject", "avoider:crash.segv@0.5"]);
@@ -139,7 +152,20 @@ fn played_daemon() {
         std::thread::sleep(Duration::from_millis(500));
         std::process::exit(1);
     }
+    if how == "waits" {
+        return wait(words.nth(1).unwrap());
+    }
     drive(&words.map(String::from).collect::<Vec<_>>());
+}
+
+/// Does nothing until SIGTERM, and leaves a sign that it came.
+fn wait(profile: &str) {
+    let stop = Arc::new(AtomicBool::new(false));
+    signal_hook::flag::register(signal_hook::consts::SIGTERM, Arc::clone(&stop)).unwrap();
+    while !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    File::create(Path::new(profile).join("ended")).unwrap();
 }
 
 fn drive(arguments: &[String]) {

@@ -103,6 +103,7 @@ fn the_table_says_what_where_when_and_how() {
         assert!(line.contains(part), "`{part}` is missing in {line}");
     }
     assert!(table.contains("injected: crash.panic (avoidance_primary/src/lib.rs:41)"));
+    assert!(table.contains("SIGSEGV at 0x10"));
     assert_eq!(table.lines().count(), 2 + 6);
 }
 

@@ -1,8 +1,9 @@
 //! `describe`: the component profiles that a plugin's own metadata gives, with the objects that its ports carry.
 
 use std::fmt::Write as _;
+use std::fs::File;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
@@ -17,7 +18,8 @@ use crate::plugin::{Class, Plugin};
 use crate::port::border::HOST;
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon describe target/release/libavoidance_primary.so\n  \
-     framework-daemon describe --format json libcamera.so";
+     framework-daemon describe --format json libcamera.so\n  \
+     framework-daemon describe --into profiles/new libcamera.so";
 
 /// Arguments of `describe`.
 #[derive(Debug, Args)]
@@ -29,6 +31,9 @@ pub struct Arguments {
     /// text: component profiles and data types as XML; json: one object a class.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
+    /// Write each component profile to CLASS.xml in this directory instead of printing it.
+    #[arg(long, value_name = "DIR", conflicts_with = "format")]
+    pub into: Option<PathBuf>,
 }
 
 /// Describes every class of a plugin.
@@ -43,11 +48,28 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
             return Ok(Exit::PluginRefused);
         }
     };
+    if let Some(directory) = &arguments.into {
+        return write_files(&plugin, directory, out);
+    }
     for class in plugin.classes() {
         match arguments.format {
             Format::Text => write!(out, "{}", profile(&class))?,
             Format::Json => writeln!(out, "{}", object(&class))?,
         }
+    }
+    Ok(Exit::Done)
+}
+
+/// One file a class; a file that is there already is kept.
+fn write_files(plugin: &std::sync::Arc<Plugin>, directory: &Path, out: &mut impl Write) -> io::Result<Exit> {
+    for class in plugin.classes() {
+        let path = directory.join(format!("{}.xml", class.name()));
+        let written = File::create_new(&path).and_then(|mut file| file.write_all(profile(&class).as_bytes()));
+        if let Err(error) = written {
+            writeln!(io::stderr(), "{}: {error}", path.display())?;
+            return Ok(Exit::Failed);
+        }
+        writeln!(out, "{}", path.display())?;
     }
     Ok(Exit::Done)
 }

@@ -1,5 +1,6 @@
 //! `component_profile`: a component class.
 
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -24,6 +25,9 @@ pub struct ComponentProfile {
     pub plan: Arc<ComponentPlan>,
     /// What was written, where the plan says it in other words.
     pub declared: Declared,
+    /// True where a port was dropped because of an error in it.
+    #[serde(skip)]
+    pub incomplete: bool,
     /// Why it cannot run by itself: it is periodic and states no period. Its slot's executor may state one.
     #[serde(skip)]
     pub missing_period: Option<Box<Diagnostic>>,
@@ -72,7 +76,10 @@ pub fn read(root: &Element, report: &mut Reporter) -> ComponentProfile {
             .collect(),
         location: report.location(root.name_span),
     };
-    ComponentProfile { plan: Arc::new(plan), declared: declared(&semantics, &environment), missing_period }
+    let read = plan.data_ports.len() + plan.event_ports.len() + plan.service_ports.len();
+    let written: usize = root.children_of("ports").map(|ports| ports.children.len()).sum();
+    let declared = declared(&semantics, &environment);
+    ComponentProfile { plan: Arc::new(plan), declared, incomplete: read != written, missing_period }
 }
 
 fn declared(semantics: &Element, environment: &Element) -> Declared {
@@ -172,7 +179,7 @@ fn schedule(semantics: &Element, report: &mut Reporter) -> Schedule {
     let range = limits::PRIORITY_MIN..=limits::PRIORITY_MAX;
     if policy != Policy::Other && !range.contains(&priority) {
         report.error(element.text_span, format!("priority {priority} is out of range: 1 to 99 is possible"));
-    } else if priority < 0 || priority > limits::PRIORITY_MAX {
+    } else if !(0..=limits::PRIORITY_MAX).contains(&priority) {
         report.warning(element.text_span, format!("priority {priority} is out of range 0 to 99")).hint =
             Some("it has no effect: the policy is SCHED_OTHER".to_owned());
     }
@@ -206,13 +213,14 @@ fn stack(semantics: &Element, report: &mut Reporter) -> Option<usize> {
 /// Reads `<properties>` of a component or of a slot; a later one of the same name is an error.
 pub fn properties(parent: &Element, report: &mut Reporter) -> Vec<Property> {
     let mut all: Vec<Property> = Vec::new();
+    let mut names = HashSet::new();
     for element in parent.grandchildren("properties", "property") {
         let property = Property {
             name: element.value_of("name").to_owned(),
             type_name: element.value_of("type").to_owned(),
             value: element.text.clone(),
         };
-        if all.iter().any(|other| other.name == property.name) {
+        if !names.insert(property.name.clone()) {
             let word = report.value_word(element, "name");
             report.error(word.spot.span, format!("property \"{}\" is given twice", property.name)).hint =
                 Some("remove one of them".to_owned());
@@ -242,25 +250,20 @@ fn check_property_type(element: &Element, property: &Property, report: &mut Repo
 }
 
 fn check_unique(root: &Element, report: &mut Reporter) {
-    let mut seen: Vec<(&str, &str, u32)> = Vec::new();
-    for ports in root.children_of("ports") {
-        for port in &ports.children {
-            let Some(name) = port.child("name").filter(|name| !name.text.is_empty()) else { continue };
-            if let Some((kind, _, line)) = seen.iter().find(|(_, other, _)| *other == name.text) {
-                let message = format!(
-                    "port \"{}\" is already declared in line {line}, as a {}",
-                    name.text,
-                    kind.replace('_', " ")
-                );
-                // Two kinds of port have names of their own in OPRoS, where this was no mistake.
-                if *kind == port.name {
-                    report.error(name.text_span, message).hint = Some("give each port a name of its own".to_owned());
-                } else {
-                    report.warning(name.text_span, message);
-                }
-                continue;
-            }
-            seen.push((&port.name, &name.text, report.location(name.text_span).line));
+    let mut seen: HashMap<&str, &Element> = HashMap::new();
+    for port in root.children_of("ports").flat_map(|ports| &ports.children) {
+        let Some(name) = port.child("name").filter(|name| !name.text.is_empty()) else { continue };
+        let Some(first) = seen.get(name.text.as_str()) else {
+            seen.insert(&name.text, port);
+            continue;
+        };
+        let (line, kind) = (report.location(first.name_span).line, first.name.replace('_', " "));
+        let message = format!("port \"{}\" is already declared in line {line}, as a {kind}", name.text);
+        // Two kinds of port have names of their own in OPRoS, where this was no mistake.
+        if first.name == port.name {
+            report.error(name.text_span, message).hint = Some("give each port a name of its own".to_owned());
+        } else {
+            report.warning(name.text_span, message);
         }
     }
 }

@@ -11,7 +11,7 @@ use serde::{Serialize, Serializer};
 use serde_json::json;
 
 use super::plan::Location;
-use super::source::{Source, Span, Spot, Word};
+use super::source::{Excerpt, Source, Span, Spot, Word};
 use super::xml::Element;
 use crate::model::limits;
 
@@ -50,26 +50,23 @@ pub struct Diagnostic {
     pub hint: Option<String>,
     /// Where; line 0 where the whole file is meant.
     pub location: Location,
-    /// The source line; empty where the whole file is meant.
-    pub excerpt: String,
-    /// How many characters the caret underlines.
-    pub width: usize,
+    /// The source line and the caret; empty where the whole file is meant.
+    pub excerpt: Excerpt,
 }
 
 impl Diagnostic {
     /// A finding at a span.
     #[must_use]
     pub fn at(level: Level, source: &Source, span: Span, message: impl Into<String>) -> Self {
-        let (line, width) = source.excerpt(span);
-        let location = source.location(span);
-        Self { level, message: message.into(), hint: None, location, excerpt: line.to_owned(), width: width.max(1) }
+        let (excerpt, location) = (source.excerpt(span), source.location(span));
+        Self { level, message: message.into(), hint: None, location, excerpt }
     }
 
     /// A finding about a file as a whole.
     #[must_use]
     pub fn of_file(level: Level, path: &Path, message: impl Into<String>) -> Self {
         let location = Location { file: Arc::new(path.to_path_buf()), line: 0, column: 0 };
-        Self { level, message: message.into(), hint: None, location, excerpt: String::new(), width: 0 }
+        Self { level, message: message.into(), hint: None, location, excerpt: Excerpt::default() }
     }
 
     /// The same with a way out.
@@ -92,15 +89,11 @@ impl Diagnostic {
         self.level == Level::Error
     }
 
-    /// The source line and the caret line below it, both cut to a window around the caret.
-    fn picture(&self) -> (String, String) {
-        let column = (self.location.column as usize).saturating_sub(1);
-        let skip = column.saturating_sub(limits::EXCERPT_CHARS / 2);
-        let skip = if self.excerpt.chars().count() > limits::EXCERPT_CHARS { skip } else { 0 };
-        let line: String = self.excerpt.chars().skip(skip).take(limits::EXCERPT_CHARS).collect();
-        let pad: String = line.chars().take(column - skip).map(blank_of).collect();
-        let room = limits::EXCERPT_CHARS.saturating_sub(column - skip).max(1);
-        (line, format!("{pad}{}", "^".repeat(self.width.clamp(1, room))))
+    /// What stands below the source line.
+    fn caret(&self) -> String {
+        let Excerpt { text, indent, width } = &self.excerpt;
+        let pad: String = text.chars().take(*indent).map(blank_of).collect();
+        format!("{pad}{}", "^".repeat(*width))
     }
 }
 
@@ -124,8 +117,7 @@ impl Display for Diagnostic {
         }
         write!(out, " {}: {}", self.level.name(), self.message)?;
         if *line > 0 {
-            let (text, caret) = self.picture();
-            write!(out, "\n{line:>6} | {}\n       | {caret}", text.trim_end())?;
+            write!(out, "\n{line:>6} | {}\n       | {}", self.excerpt.text.trim_end(), self.caret())?;
         }
         if let Some(hint) = &self.hint {
             write!(out, "\n       = {hint}")?;
@@ -141,10 +133,10 @@ impl Serialize for Diagnostic {
             "file": &*self.location.file,
             "line": self.location.line,
             "column": self.location.column,
-            "width": self.width,
+            "width": self.excerpt.width,
             "message": self.message,
             "hint": self.hint,
-            "source": self.excerpt,
+            "source": self.excerpt.text,
         })
         .serialize(serializer)
     }
@@ -155,13 +147,18 @@ impl Serialize for Diagnostic {
 pub struct Reporter {
     source: Arc<Source>,
     findings: Vec<Diagnostic>,
+    /// Takes the hint of a finding beyond the limit.
+    beyond: Diagnostic,
+    /// How many findings there were beyond the limit.
+    hidden: usize,
 }
 
 impl Reporter {
     /// A reporter for `source`.
     #[must_use]
-    pub const fn new(source: Arc<Source>) -> Self {
-        Self { source, findings: Vec::new() }
+    pub fn new(source: Arc<Source>) -> Self {
+        let beyond = Diagnostic::of_file(Level::Note, source.path(), "");
+        Self { source, findings: Vec::new(), beyond, hidden: 0 }
     }
 
     /// An error at `span`; the result takes a hint.
@@ -229,14 +226,25 @@ impl Reporter {
 
     /// All findings.
     #[must_use]
-    pub fn into_findings(self) -> Vec<Diagnostic> {
+    pub fn into_findings(mut self) -> Vec<Diagnostic> {
+        if self.hidden > 0 {
+            let message = format!("{} more findings in this file are not shown", self.hidden);
+            let hint = "correct some of them and check again";
+            self.findings.push(Diagnostic::of_file(self.beyond.level, self.source.path(), message).with_hint(hint));
+        }
         self.findings
     }
 
     fn report(&mut self, level: Level, span: Span, message: impl Into<String>) -> &mut Diagnostic {
+        // Warnings and notes leave room: an error must not go unseen behind them.
+        let limit = if level == Level::Error { limits::DIAGNOSTICS } else { limits::DIAGNOSTICS / 2 };
+        if self.findings.len() >= limit {
+            self.hidden += 1;
+            self.beyond.level = self.beyond.level.min(level);
+            return &mut self.beyond;
+        }
         self.findings.push(Diagnostic::at(level, &self.source, span, message));
-        let last = self.findings.len() - 1;
-        &mut self.findings[last]
+        self.findings.last_mut().unwrap_or(&mut self.beyond)
     }
 }
 

@@ -4,6 +4,8 @@
 //! as JSON without their locations, so that a field added to the plan later counts by itself; comparing field by field
 //! was forgotten twice in a week.
 
+use std::collections::{HashMap, HashSet};
+
 use serde::Serialize;
 use serde_json::Value;
 
@@ -59,22 +61,26 @@ pub fn diff(old: &Plan, new: &Plan) -> Diff {
 }
 
 fn slots(old: &[SlotPlan], new: &[SlotPlan], result: &mut Diff) {
-    let find = |slots: &[SlotPlan], name: &str| slots.iter().find(|slot| slot.name == name).map(placeless);
+    let by_name = |slots: &[SlotPlan]| -> HashMap<String, Value> {
+        slots.iter().map(|slot| (slot.name.clone(), placeless(slot))).collect()
+    };
+    let (before, after) = (by_name(old), by_name(new));
     for slot in new {
-        match find(old, &slot.name) {
+        match before.get(&slot.name) {
             None => result.slots_added.push(slot.name.clone()),
-            Some(before) if before != placeless(slot) => result.slots_changed.push(slot.name.clone()),
+            Some(was) if Some(was) != after.get(&slot.name) => result.slots_changed.push(slot.name.clone()),
             Some(_) => {}
         }
     }
-    let gone = old.iter().filter(|slot| new.iter().all(|other| other.name != slot.name));
+    let gone = old.iter().filter(|slot| !after.contains_key(&slot.name));
     result.slots_removed = gone.map(|slot| slot.name.clone()).collect();
 }
 
 fn connections(old: &[ConnectionPlan], new: &[ConnectionPlan], result: &mut Diff) {
+    let text = |connection: &ConnectionPlan| placeless(connection).to_string();
     let only_in = |these: &[ConnectionPlan], those: &[ConnectionPlan]| -> Vec<Link> {
-        let others: Vec<Value> = those.iter().map(placeless).collect();
-        these.iter().filter(|connection| !others.contains(&placeless(connection))).map(link).collect()
+        let others: HashSet<String> = those.iter().map(text).collect();
+        these.iter().filter(|connection| !others.contains(&text(connection))).map(link).collect()
     };
     result.connections_added = only_in(new, old);
     result.connections_removed = only_in(old, new);

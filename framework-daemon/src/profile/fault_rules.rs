@@ -3,6 +3,7 @@
 //! Everything of the language is read and validated now. What has no effect yet is told by a note, so that nobody trusts
 //! a rule that does not act.
 
+use std::collections::HashSet;
 use std::time::Duration;
 
 use serde::Serialize;
@@ -90,11 +91,11 @@ fn severities(element: &Element, report: &mut Reporter) -> SeverityTable {
     let mut named: [Option<Severity>; Symptom::COUNT] = [None; Symptom::COUNT];
     let mut exact = [false; Symptom::COUNT];
     let mut default = None;
-    let mut seen: Vec<&str> = Vec::new();
+    let mut seen = HashSet::new();
     for rule in element.children_of("severity") {
         let Some(severity) = Severity::from_name(&rule.text) else { continue };
         let symptom = rule.value_of("symptom");
-        if seen.contains(&symptom) {
+        if !seen.insert(symptom) {
             let what = if symptom.is_empty() {
                 "a default severity".to_owned()
             } else {
@@ -104,7 +105,6 @@ fn severities(element: &Element, report: &mut Reporter) -> SeverityTable {
                 Some("remove one of them".to_owned());
             continue;
         }
-        seen.push(symptom);
         note_inactive_severity(rule, severity, report);
         match symptom {
             "" => default = Some(severity),
@@ -226,9 +226,10 @@ fn positive(element: &Element, name: &str, report: &mut Reporter) -> Option<Dura
 /// Reads every `<validity>` in `parent`.
 pub fn validities(parent: &Element, report: &mut Reporter) -> Vec<Validity> {
     let mut all: Vec<Validity> = Vec::new();
+    let mut fields = HashSet::new();
     for element in parent.children_of("validity") {
         let validity = validity(element, report);
-        if all.iter().any(|other| other.field == validity.field) {
+        if !fields.insert(validity.field.clone()) {
             let what =
                 if validity.field.is_empty() { "the object".to_owned() } else { format!("\"{}\"", validity.field) };
             report.error(element.name_span, format!("a validity of {what} is already given here")).hint =

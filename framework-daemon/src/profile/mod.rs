@@ -44,6 +44,9 @@ pub mod files;
 /// Slots and connections: references followed, composites flattened.
 pub mod assemble;
 
+/// Connections: both ends resolved and checked.
+pub mod wire;
+
 /// What no file can tell alone.
 pub mod validate;
 

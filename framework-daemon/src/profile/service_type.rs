@@ -1,5 +1,7 @@
 //! `service_port_type_profile`: interfaces of service ports.
 
+use std::collections::HashSet;
+
 use serde::Serialize;
 
 use super::diagnostic::Reporter;
@@ -33,12 +35,13 @@ pub fn read(root: &Element, report: &mut Reporter) -> Vec<Interface> {
 }
 
 fn interface(element: &Element, report: &mut Reporter) -> Interface {
-    let mut methods: Vec<Method> = Vec::new();
+    let mut methods = Vec::new();
+    let mut signatures = HashSet::new();
     for child in element.children_of("method") {
         let method = method(child);
         // Overloads are C++; the same name with the same parameters is a mistake.
-        let types = |method: &Method| method.parameters.iter().map(|(kind, _)| kind.clone()).collect::<Vec<_>>();
-        if methods.iter().any(|other| other.name == method.name && types(other) == types(&method)) {
+        let types: Vec<String> = method.parameters.iter().map(|(kind, _)| kind.clone()).collect();
+        if !signatures.insert((method.name.clone(), types)) {
             let word = report.value_word(child, "name");
             report.warning(word.spot.span, format!("method \"{}\" is already defined in this interface", method.name));
         }

@@ -16,6 +16,7 @@ use encoding_rs::{DecoderResult, EUC_KR, Encoding, UTF_8, UTF_16BE, UTF_16LE};
 
 use super::diagnostic::{Diagnostic, Level};
 use super::plan::Location;
+use super::xml::is_allowed;
 use crate::model::limits;
 
 /// A range of bytes in a source's text.
@@ -74,13 +75,29 @@ impl Serialize for Word {
     }
 }
 
+/// What a finding shows of the source.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Excerpt {
+    /// The line, or the part of it around the caret.
+    pub text: String,
+    /// How many characters stand before the caret.
+    pub indent: usize,
+    /// How many characters the caret underlines.
+    pub width: usize,
+}
+
 /// The text of one file.
 #[derive(Debug)]
 pub struct Source {
     path: Arc<PathBuf>,
     text: String,
     line_starts: Vec<u32>,
+    /// Characters before each block of [`BLOCK`] bytes, so that a column in a line of megabytes is found at once.
+    characters: Vec<u32>,
 }
+
+/// See [`Source::characters`].
+const BLOCK: usize = 1024;
 
 impl Source {
     /// Reads and decodes `path`.
@@ -120,7 +137,12 @@ impl Source {
                 line_starts.push(u32::try_from(index + 1).unwrap_or(u32::MAX));
             }
         }
-        Self { path: Arc::new(path.to_path_buf()), text, line_starts }
+        let mut characters = vec![0];
+        for block in bytes.chunks(BLOCK) {
+            let before = characters.last().copied().unwrap_or(0);
+            characters.push(before + u32::try_from(count_characters(block)).unwrap_or(0));
+        }
+        Self { path: Arc::new(path.to_path_buf()), text, line_starts, characters }
     }
 
     /// The decoded text.
@@ -140,24 +162,39 @@ impl Source {
     pub fn location(&self, span: Span) -> Location {
         let line = self.line_index(span.start);
         let start = self.line_starts.get(line).copied().unwrap_or(0) as usize;
-        let before = self.text.get(start..span.start as usize).unwrap_or_default();
+        let column = self.characters_before(span.start as usize).saturating_sub(self.characters_before(start)) + 1;
         Location {
             file: Arc::clone(&self.path),
             line: u32::try_from(line + 1).unwrap_or(u32::MAX),
-            column: u32::try_from(before.chars().count() + 1).unwrap_or(u32::MAX),
+            column: u32::try_from(column).unwrap_or(u32::MAX),
         }
     }
 
-    /// The whole line that holds `span`, without its line end, and the part of the span that lies in it.
+    /// The line that holds `span`, without its line end; of a very long one the part around the span.
     #[must_use]
-    pub fn excerpt(&self, span: Span) -> (&str, usize) {
+    pub fn excerpt(&self, span: Span) -> Excerpt {
         let line = self.line_index(span.start);
         let start = self.line_starts.get(line).copied().unwrap_or(0) as usize;
         let end = self.line_starts.get(line + 1).map_or(self.text.len(), |next| *next as usize);
-        let text = self.text.get(start..end).unwrap_or_default().trim_end_matches(['\r', '\n']);
-        let line_end = start + text.len();
-        let shown = self.text.get(span.start as usize..(span.end as usize).min(line_end)).unwrap_or_default();
-        (text, shown.chars().count())
+        let whole = self.text.get(start..end).unwrap_or_default().trim_end_matches(['\r', '\n']);
+        let at = (span.start as usize).clamp(start, start + whole.len());
+        let before = self.text.get(start..at).unwrap_or_default();
+        let after = self.text.get(at..start + whole.len()).unwrap_or_default();
+        // Only as many characters as are shown are looked at: a file may be one line of megabytes.
+        let short = before.len() + after.len() <= limits::EXCERPT_CHARS;
+        let room = if short { limits::EXCERPT_CHARS } else { limits::EXCERPT_CHARS / 2 };
+        let kept = before.char_indices().rev().take(room).last().map_or(before.len(), |(index, _)| index);
+        let before = before.get(kept..).unwrap_or_default();
+        let shown: String = after.chars().take(room).collect();
+        let width = self.text.get(at..(span.end as usize).min(at + shown.len())).map_or(1, |part| part.chars().count());
+        Excerpt { indent: before.chars().count(), width: width.max(1), text: format!("{before}{shown}") }
+    }
+
+    fn characters_before(&self, offset: usize) -> usize {
+        let offset = offset.min(self.text.len());
+        let block = offset / BLOCK;
+        let rest = self.text.as_bytes().get(block * BLOCK..offset).unwrap_or_default();
+        self.characters.get(block).copied().unwrap_or(0) as usize + count_characters(rest)
     }
 
     fn line_index(&self, offset: u32) -> usize {
@@ -178,12 +215,16 @@ impl Source {
     }
 
     fn refuse_forbidden_characters(&self) -> Result<(), Diagnostic> {
-        let forbidden = |c: char| (c < ' ' && !matches!(c, '\t' | '\n' | '\r')) || matches!(c, '\u{fffe}' | '\u{ffff}');
-        let Some((at, c)) = self.text.char_indices().find(|(_, c)| forbidden(*c)) else { return Ok(()) };
+        let Some((at, c)) = self.text.char_indices().find(|(_, c)| !is_allowed(*c)) else { return Ok(()) };
         let message = format!("character U+{:04X} is not allowed in XML", u32::from(c));
         Err(Diagnostic::at(Level::Error, self, Span::new(at, c.len_utf8()), message)
             .with_hint("remove it; XML knows no control characters except tab and line ends"))
     }
+}
+
+/// Bytes that begin a character of UTF-8.
+fn count_characters(bytes: &[u8]) -> usize {
+    bytes.iter().filter(|byte| **byte & 0xc0 != 0x80).count()
 }
 
 const KNOWN_ENCODINGS: &str = "known are UTF-8, UTF-16, euc-kr (cp949) and every other encoding of the web's list";

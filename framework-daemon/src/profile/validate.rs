@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::application::{Assembly, Dependency, End, ReferenceModel, Voting};
-use super::assemble::{Assembler, Placed, Placement, Port, Scope, ports_of};
+use super::assemble::{Assembler, Placed, Placement, Scope};
 use super::diagnostic::{Diagnostic, Level};
 use super::document::{Document, Profile};
 use super::files::Files;
@@ -16,6 +16,7 @@ use super::plan::{
 use super::source::{Spot, Word};
 use super::suggest;
 use super::system::SystemProfile;
+use super::wire::{Port, ports_of};
 
 /// Who needs whom, and where that was written.
 type Edges = BTreeMap<String, Vec<(String, Spot)>>;
@@ -333,10 +334,7 @@ impl Validator {
     fn refuse_cycles(&mut self, edges: &Edges, what: &str) {
         for (path, spot) in cycles(edges) {
             let message = format!("{what}: {}", path.join(" -> "));
-            self.assembler.findings.push(
-                spot.diagnostic(Level::Error, message)
-                    .with_hint("remove one of these edges: nothing in a circle can stop first"),
-            );
+            self.assembler.findings.push(spot.diagnostic(Level::Error, message).with_hint("remove one of these steps"));
         }
     }
 }

@@ -341,8 +341,9 @@ fn reference_span(error: &EscapeError, raw: &str, value: Span) -> Span {
     Span::new(value.start as usize + start, length)
 }
 
-const fn is_allowed(c: char) -> bool {
-    !(c < ' ' && !matches!(c, '\t' | '\n' | '\r')) && !matches!(c, '\u{fffe}' | '\u{ffff}')
+/// True for the characters that XML 1.0 knows.
+pub(super) const fn is_allowed(c: char) -> bool {
+    matches!(c, '\t' | '\n' | '\r') || (c >= ' ' && !matches!(c, '\u{fffe}' | '\u{ffff}'))
 }
 
 fn plain(error: &XmlError) -> String {

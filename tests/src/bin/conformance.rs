@@ -102,7 +102,7 @@ fn read_oracle(path: &Path) -> Result<BTreeMap<String, Oracle>, String> {
                 (oracle.root, oracle.ok) = ((*root).to_owned(), rest.first() == Some(&"ok"));
             }
             ["", kind, ..] if !kind.is_empty() => {
-                all.entry(current.clone()).or_default().lines.push(fields.into_iter().skip(1).collect())
+                all.entry(current.clone()).or_default().lines.push(fields.into_iter().skip(1).collect());
             }
             // What the original parser wrote on its log in between.
             _ => {}
@@ -258,7 +258,7 @@ fn facts_of_oracle(oracle: &Oracle, profile: &Value) -> Vec<String> {
             "sub" => facts.push(format!("sub {} {} {}", field(1), field(3), field(4))),
             "conn" => facts.push(format!("conn {}", line.get(1..).unwrap_or_default().join(" "))),
             "export" => {
-                facts.push(format!("export {} {} {}", field(1), field(2), line.last().map_or("", String::as_str)))
+                facts.push(format!("export {} {} {}", field(1), field(2), line.last().map_or("", String::as_str)));
             }
             service if service.starts_with("svc_") => {
                 facts.push(format!("{service} {} {} {}", field(1), field(2), field(3)));
@@ -298,7 +298,8 @@ fn wrong_policy(line: &[String], profile: &Value) -> Option<String> {
     let queue = &port["queue"];
     let same = match policy.as_str() {
         "FIFO" => {
-            queue["policy"] == "fifo" && (queue["size"].to_string() == *size || matches!(size.as_str(), "0" | "1"))
+            queue["policy"] == "fifo"
+                && (size.parse() == Ok(queue["size"].as_u64().unwrap_or(0)) || matches!(size.as_str(), "0" | "1"))
         }
         _ => queue["policy"] == "last",
     };

@@ -72,5 +72,5 @@ pub fn last_line(runs: &[(&str, Report)]) -> String {
 }
 
 fn replacement(report: &Report) -> Option<&Fault> {
-    report.faults.iter().find(|fault| fault.action == "replace")
+    report.faults.iter().find(|fault| fault.replaced_by().is_some())
 }

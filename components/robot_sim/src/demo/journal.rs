@@ -23,7 +23,7 @@ pub struct Fault {
     pub evidence: Value,
     /// What was done: `ignore`, `reset`, `replace`, `stop`.
     pub action: String,
-    /// Class that fills the slot now, if another.
+    /// Class that fills the slot now; the same class after a reset.
     #[serde(default)]
     pub successor: Option<String>,
     /// How it came out: `recovered`, `stopped`, `ignored`, `failed`.
@@ -68,12 +68,18 @@ impl Fault {
         self.outcome == "ignored"
     }
 
+    /// The class that took the slot over, if it is another than the one that failed.
+    #[must_use]
+    pub fn replaced_by(&self) -> Option<&str> {
+        self.successor.as_deref().filter(|successor| self.action == "replace" && *successor != self.class)
+    }
+
     /// What was done, for people.
     #[must_use]
     pub fn how(&self) -> String {
-        match (self.action.as_str(), &self.successor) {
+        match (self.action.as_str(), self.replaced_by()) {
             ("replace", Some(successor)) => format!("replaced by {successor}"),
-            ("reset", _) => "reset".into(),
+            ("replace", None) => "replaced by a spare".into(),
             ("stop", _) => "stopped".into(),
             ("ignore", _) => "ignored".into(),
             (action, _) => action.into(),
@@ -83,17 +89,38 @@ impl Fault {
     /// The most telling part of the evidence, in at most `width` characters.
     #[must_use]
     pub fn told(&self, width: usize) -> String {
-        let text = |key: &str| self.evidence.get(key).map(plain);
-        let said = match (text("message"), text("location"), text("function"), text("offset"), text("address")) {
-            (Some(message), Some(place), ..) => format!("{message} ({})", last_parts(&place)),
-            (Some(message), ..) => message,
-            (_, _, Some(function), Some(offset), _) => format!("{function}+{offset}"),
-            (_, _, Some(function), ..) => function,
-            (.., Some(address)) => format!("address {address}"),
-            _ => String::new(),
-        };
-        shortened(&said, width)
+        shortened(&self.said(), width)
     }
+
+    fn said(&self) -> String {
+        let text = |key: &str| self.evidence.get(key).map(plain);
+        if let Some(message) = text("message") {
+            let place = text("location").or_else(|| Some(format!("{}:{}", text("file")?, text("line")?)));
+            return place.map_or(message.clone(), |place| format!("{message} ({})", last_parts(&place)));
+        }
+        if let Some(function) = text("function") {
+            return text("offset").map_or(function.clone(), |offset| format!("{function}+{offset}"));
+        }
+        let signal = self.evidence.get("signal").map(signal_name);
+        let address = self.evidence.get("address").map(address);
+        [signal, address].into_iter().flatten().collect::<Vec<_>>().join(" at ")
+    }
+}
+
+fn signal_name(signal: &Value) -> String {
+    let name = signal.as_i64().and_then(|number| match number {
+        4 => Some("SIGILL"),
+        6 => Some("SIGABRT"),
+        7 => Some("SIGBUS"),
+        8 => Some("SIGFPE"),
+        11 => Some("SIGSEGV"),
+        _ => None,
+    });
+    name.map_or_else(|| plain(signal), String::from)
+}
+
+fn address(address: &Value) -> String {
+    address.as_u64().map_or_else(|| plain(address), |number| format!("{number:#x}"))
 }
 
 /// Adds `newer` entries to `faults`; one with a known number replaces the older.

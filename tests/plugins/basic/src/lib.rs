@@ -115,4 +115,115 @@ impl Callbacks for Listener {
     }
 }
 
-export_components!(Ticker, Downer, Relay, Listener);
+/// Logs each of its callbacks, the frequent ones once.
+#[derive(Component)]
+#[component(name = "Diary", version = "1.0", periodic = "5ms")]
+pub struct Diary {
+    executed: bool,
+    updated: bool,
+}
+
+impl Callbacks for Diary {
+    fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "hook initialize");
+        Ok(())
+    }
+    fn start(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "hook start");
+        Ok(())
+    }
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        if !std::mem::replace(&mut self.executed, true) {
+            info!(cx, "hook execute");
+        }
+        Ok(())
+    }
+    fn update(&mut self, cx: &mut Context<'_>) -> Outcome {
+        if !std::mem::replace(&mut self.updated, true) {
+            info!(cx, "hook update");
+        }
+        Ok(())
+    }
+    fn stop(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "hook stop");
+        Ok(())
+    }
+    fn destroy(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "hook destroy");
+        Ok(())
+    }
+    fn on_error(&mut self, cx: &mut Context<'_>, fault: &FaultInfo<'_>) -> Outcome {
+        info!(cx, "hook error {}", fault.symptom);
+        Ok(())
+    }
+    fn reset(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "hook reset");
+        Ok(())
+    }
+    fn recover(&mut self, cx: &mut Context<'_>, fault: &FaultInfo<'_>) -> Outcome {
+        info!(cx, "hook recover {}", fault.symptom);
+        Ok(())
+    }
+}
+
+/// Sends a distance that is out of range every now and then.
+#[derive(Component)]
+#[component(name = "Sonar", version = "1.0", periodic = "2ms")]
+pub struct Sonar {
+    #[port]
+    out: DataOut<Range>,
+    /// Every so many readings are zero.
+    #[property(default = 10, range = 1..=1000)]
+    bad_every: u64,
+    sent: u64,
+}
+
+impl Callbacks for Sonar {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.sent += 1;
+        let range = if self.sent.is_multiple_of(self.bad_every) { 0.0 } else { 1.0 + self.sent as f32 / 1e6 };
+        self.out.write(Range { range, ..Range::default() });
+        Ok(())
+    }
+}
+
+/// Counts the distances that it hears, zeros apart.
+#[derive(Component)]
+#[component(name = "Gauge", version = "1.0", nonperiodic)]
+pub struct Gauge {
+    #[port]
+    heard: DataIn<Range>,
+    good: u64,
+    zeros: u64,
+}
+
+impl Callbacks for Gauge {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        match self.heard.fresh() {
+            Some(range) if range.range == 0.0 => self.zeros += 1,
+            Some(_) => self.good += 1,
+            None => {}
+        }
+        Ok(())
+    }
+
+    fn stop(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "good {} zeros {}", self.good, self.zeros);
+        Ok(())
+    }
+}
+
+/// Does not return from `stop`.
+#[derive(Component)]
+#[component(name = "Stubborn", version = "1.0", passive)]
+pub struct Stubborn {}
+
+impl Callbacks for Stubborn {
+    fn stop(&mut self, _: &mut Context<'_>) -> Outcome {
+        loop {
+            std::thread::sleep(std::time::Duration::from_secs(1));
+        }
+    }
+}
+
+export_components!(Ticker, Downer, Relay, Listener, Diary, Sonar, Gauge, Stubborn);

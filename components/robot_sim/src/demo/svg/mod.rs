@@ -67,9 +67,9 @@ struct Steering {
 
 impl Steering {
     fn of(report: &Report) -> Self {
-        let replaced = || report.faults.iter().filter(|fault| fault.successor.is_some());
-        let first = replaced().next().map_or_else(String::new, |fault| fault.class.clone());
-        let later = replaced().map(|fault| (fault.mono_ns, fault.successor.clone().unwrap_or_default()));
+        let replaced = || report.faults.iter().filter_map(|fault| Some((fault, fault.replaced_by()?)));
+        let first = replaced().next().map_or_else(String::new, |(fault, _)| fault.class.clone());
+        let later = replaced().map(|(fault, successor)| (fault.mono_ns, successor.to_owned()));
         Self { stretches: [(0, first)].into_iter().chain(later).collect() }
     }
 

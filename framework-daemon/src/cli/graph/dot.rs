@@ -1,0 +1,69 @@
+//! The graph for Graphviz: a record for each slot, an edge for each connection.
+
+use std::fmt::Write;
+
+use crate::profile::plan::{ConnectionPlan, Plan, PortKind, SlotPlan};
+use crate::profile::wire::{Port, kind_name, ports_of};
+
+/// The text that `dot` reads.
+#[must_use]
+pub fn draw(plan: &Plan) -> String {
+    let mut out = String::from(
+        "digraph profile {\n  rankdir=LR;\n  node [shape=plain, fontname=\"sans-serif\"];\n  \
+         edge [fontname=\"sans-serif\", fontsize=10];\n",
+    );
+    for slot in &plan.slots {
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "  {} [label=<{}>];", quoted(&slot.name), table(slot));
+    }
+    for connection in &plan.connections {
+        let _ = writeln!(out, "{}", edge(connection));
+    }
+    out.push_str("}\n");
+    out
+}
+
+fn table(slot: &SlotPlan) -> String {
+    let ports = ports_of(&slot.name, &slot.component);
+    let (right, left): (Vec<&Port>, Vec<&Port>) = ports.iter().partition(|port| port.is_source);
+    let mut rows = String::new();
+    for index in 0..left.len().max(right.len()) {
+        let _ = write!(rows, "<tr>{}{}</tr>", cell(left.get(index), "left"), cell(right.get(index), "right"));
+    }
+    let title = format!("<b>{}</b><br/>{}", escaped(&slot.name), escaped(&slot.component.name));
+    format!(
+        "<table border=\"1\" cellborder=\"0\" cellspacing=\"2\"><tr><td colspan=\"2\">{title}</td></tr>{rows}</table>"
+    )
+}
+
+fn cell(port: Option<&&Port>, side: &str) -> String {
+    port.map_or_else(
+        || "<td></td>".to_owned(),
+        |port| {
+            let id = format!("{}_{}", kind_name(port.kind), port.name);
+            format!("<td port=\"{}\" align=\"{side}\">{}</td>", escaped(&id), escaped(&port.name))
+        },
+    )
+}
+
+fn edge(connection: &ConnectionPlan) -> String {
+    let end = |slot: &str, port: &str, side: &str| {
+        format!("{}:{}:{side}", quoted(slot), quoted(&format!("{}_{port}", kind_name(connection.kind))))
+    };
+    let (source, target) = (&connection.source, &connection.target);
+    let style = match connection.kind {
+        PortKind::Data => "color=\"#1f5fa8\"",
+        PortKind::Event => "color=\"#b35c00\", style=dashed",
+        PortKind::Service => "color=\"#2a7d3f\", style=bold, dir=both, arrowtail=odot",
+    };
+    let label = if connection.validity.is_empty() { "" } else { ", label=\"checked\"" };
+    format!("  {} -> {} [{style}{label}];", end(&source.slot, &source.port, "e"), end(&target.slot, &target.port, "w"))
+}
+
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}
+
+fn escaped(text: &str) -> String {
+    quick_xml::escape::escape(text).into_owned()
+}

@@ -1,0 +1,67 @@
+//! `graph`: slots as boxes, ports on their sides, connections between them.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+/// For Graphviz.
+pub mod dot;
+/// Where everything is drawn.
+pub mod layout;
+/// For Markdown.
+pub mod mermaid;
+/// A picture of its own.
+pub mod svg;
+
+use super::exit_code::Exit;
+use crate::profile;
+
+const EXAMPLES: &str = "Examples:\n  framework-daemon graph profiles/navigation --as svg > navigation.svg\n  \
+     framework-daemon graph profiles/navigation --as dot | dot -Tpdf > navigation.pdf";
+
+/// Arguments of `graph`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Profile directory.
+    pub dir: PathBuf,
+    /// What to write.
+    #[arg(long = "as", value_enum, default_value_t)]
+    pub output: Output,
+}
+
+/// Ways to draw.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Output {
+    /// For Graphviz.
+    #[default]
+    Dot,
+    /// For Markdown.
+    Mermaid,
+    /// A picture, laid out here.
+    Svg,
+}
+
+/// Draws a directory that is accepted.
+///
+/// # Errors
+/// Only those of writing.
+pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
+    let plan = match profile::load(&arguments.dir) {
+        Ok(loaded) => loaded.plan,
+        Err(diagnostics) => {
+            for finding in diagnostics.iter().filter(|finding| finding.is_error()) {
+                writeln!(io::stderr(), "{finding}")?;
+            }
+            return Ok(Exit::ProfileInvalid);
+        }
+    };
+    let text = match arguments.output {
+        Output::Dot => dot::draw(&plan),
+        Output::Mermaid => mermaid::draw(&plan),
+        Output::Svg => svg::draw(&plan),
+    };
+    out.write_all(text.as_bytes())?;
+    Ok(Exit::Done)
+}

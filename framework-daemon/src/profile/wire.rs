@@ -1,0 +1,239 @@
+//! Connections: both ends resolved to ports of slots, through the exported ports of composites, and checked.
+//!
+//! OPRoS logs a dangling end and runs on; a reversed one it does not even log. Here each is an error.
+
+use super::application::{Assembly, Connection, End};
+use super::assemble::{Assembler, Placed, Scope};
+use super::composite::Export;
+use super::plan::{ComponentPlan, ConnectionPlan, PortKind, PortRef, Usage};
+use super::source::Word;
+use super::suggest;
+use crate::model::limits;
+
+/// A port that a connection can end at.
+#[derive(Clone, Debug)]
+pub struct Port {
+    /// Its name where it is seen.
+    pub name: String,
+    /// Its kind.
+    pub kind: PortKind,
+    /// True for output and required.
+    pub is_source: bool,
+    /// Type name as written.
+    pub type_name: String,
+    /// The slot's port that it is.
+    pub end: PortRef,
+}
+
+impl Assembler {
+    /// Resolves and checks one connection.
+    pub(super) fn connection(&mut self, connection: &Connection, scope: &Scope) {
+        let kind = connection.kind;
+        let sources = self.ends(&connection.source, kind, scope);
+        let targets = self.ends(&connection.target, kind, scope);
+        let (Some(sources), Some(targets)) = (sources, targets) else { return };
+        let wrong_source = sources.iter().any(|port| !port.is_source);
+        let wrong_target = targets.iter().any(|port| port.is_source);
+        if wrong_source && wrong_target {
+            let message = format!("this connection is reversed: {} is no source", describe_end(&connection.source));
+            return self.error(&connection.source.port.spot, message, "swap <source> and <target>");
+        }
+        if wrong_source || wrong_target {
+            return self.wrong_direction(connection, wrong_source);
+        }
+        for source in &sources {
+            for target in &targets {
+                self.connect(connection, source, target);
+            }
+        }
+    }
+
+    fn wrong_direction(&mut self, connection: &Connection, source: bool) {
+        let (end, what, wanted) = match (source, connection.kind) {
+            (true, PortKind::Service) => {
+                (&connection.source, "provides a service", "a <source> is a required service port")
+            }
+            (true, _) => (&connection.source, "is an input", "a <source> is an output"),
+            (false, PortKind::Service) => {
+                (&connection.target, "requires a service", "a <target> is a provided service port")
+            }
+            (false, _) => (&connection.target, "is an output", "a <target> is an input"),
+        };
+        self.error(&end.port.spot, format!("{} {what}", describe_end(end)), wanted);
+    }
+
+    fn connect(&mut self, connection: &Connection, source: &Port, target: &Port) {
+        if self.connections.len() >= limits::CONNECTIONS {
+            let message = format!("more than {} connections", limits::CONNECTIONS);
+            return self.error(&connection.spot, message, "split the system");
+        }
+        let plan = ConnectionPlan {
+            kind: connection.kind,
+            source: source.end.clone(),
+            target: target.end.clone(),
+            validity: connection.validity.clone(),
+            location: connection.spot.location(),
+        };
+        let key = (plan.kind, plan.source.clone(), plan.target.clone());
+        if let Some(line) = self.linked.get(&key) {
+            let message = format!("these ports are already connected in line {line}");
+            return self.error(&connection.spot, message, "remove one of the two connections");
+        }
+        if source.type_name != target.type_name {
+            let message = format!(
+                "{} is of type {}, {} of type {}",
+                describe_end(&connection.source),
+                source.type_name,
+                describe_end(&connection.target),
+                target.type_name
+            );
+            self.warning(
+                &connection.target.port.spot,
+                message,
+                "names may differ; the layouts are compared when the plugins are loaded",
+            );
+        }
+        if connection.kind == PortKind::Service && !self.called.insert(plan.source.clone()) {
+            let message = format!("{} is already connected to a provider", describe_end(&connection.source));
+            return self.error(&connection.source.port.spot, message, "a required service has exactly one provider");
+        }
+        self.linked.insert(key, plan.location.line);
+        self.connections.push(plan);
+    }
+
+    /// The ports that one end of a connection means: several where a composite fans an input out.
+    fn ends(&mut self, end: &End, kind: PortKind, scope: &Scope) -> Option<Vec<Port>> {
+        let mut incomplete = false;
+        let ports = match scope.get(&end.component.text) {
+            Some(Placed::Slot(index)) => {
+                let slot = self.slots.get(*index)?;
+                incomplete = self.incomplete.contains(&slot.name);
+                ports_of(&slot.name, &slot.component)
+            }
+            Some(Placed::Composite(ports, _)) => ports.clone(),
+            Some(Placed::Broken) => return None,
+            None => {
+                self.unknown_slot(&end.component, scope);
+                return None;
+            }
+        };
+        let found: Vec<Port> =
+            ports.iter().filter(|port| port.name == end.port.text && port.kind == kind).cloned().collect();
+        if found.is_empty() {
+            if !incomplete {
+                self.unknown_port(end, kind, &ports);
+            }
+            return None;
+        }
+        Some(found)
+    }
+
+    fn unknown_port(&mut self, end: &End, kind: PortKind, ports: &[Port]) {
+        let (slot, port) = (&end.component.text, &end.port.text);
+        if let Some(other) = ports.iter().find(|other| other.name == *port) {
+            let message = format!("\"{port}\" of {slot} is of kind {}, not {}", kind_name(other.kind), kind_name(kind));
+            let hint = format!("write port_type=\"{}\", or name another port", kind_name(other.kind));
+            return self.error(&end.port.spot, message, &hint);
+        }
+        let names: Vec<&str> = ports.iter().filter(|port| port.kind == kind).map(|port| port.name.as_str()).collect();
+        let hint = suggest::hint(port, &names, str::to_owned)
+            .unwrap_or_else(|| format!("{slot} has no {} ports", kind_name(kind)));
+        self.error(&end.port.spot, format!("{slot} has no {} port \"{port}\"", kind_name(kind)), &hint);
+    }
+
+    /// Reports a name that no subcomponent of the assembly has.
+    pub fn unknown_slot(&mut self, name: &Word, scope: &Scope) {
+        let names: Vec<&str> = scope.keys().map(String::as_str).collect();
+        let hint = suggest::hint(&name.text, &names, str::to_owned)
+            .unwrap_or_else(|| "it must be the name of a <subcomponent> of this file".to_owned());
+        self.error(&name.spot, format!("no subcomponent is called \"{}\"", name.text), &hint);
+    }
+
+    /// The ports of a composite that show outside.
+    pub(super) fn exports(&mut self, assembly: &Assembly, scope: &Scope) -> Vec<Port> {
+        let mut all: Vec<Port> = Vec::new();
+        for export in &assembly.exports {
+            for port in self.exported_ports(export, scope) {
+                let clash = all.iter().find(|other| other.name == export.name.text);
+                if let Some(other) = clash
+                    && (port.is_source || other.is_source || other.kind != port.kind || port.kind == PortKind::Service)
+                {
+                    let message = format!("\"{}\" is already exported", export.name.text);
+                    self.error(&export.name.spot, message, "only inputs of data and events may share an exported name");
+                    continue;
+                }
+                all.push(Port { name: export.name.text.clone(), ..port });
+            }
+        }
+        all
+    }
+
+    fn exported_ports(&mut self, export: &Export, scope: &Scope) -> Vec<Port> {
+        let end = End { component: export.component.clone(), port: export.port.clone() };
+        let known_kind = export.kind.or_else(|| self.kind_of(&end, scope));
+        let Some(ports) = self.ends(&end, known_kind.unwrap_or(PortKind::Data), scope) else { return Vec::new() };
+        let stated_source = match export.direction.text.as_str() {
+            "output" | "required" => Some(true),
+            "input" | "provided" => Some(false),
+            _ => None,
+        };
+        if stated_source.is_some_and(|stated| ports.iter().any(|port| port.is_source != stated)) {
+            let message = format!("{} is no {} port", describe_end(&end), export.direction.text);
+            self.error(&export.direction.spot, message, "correct <port_dir>, or leave it out");
+        }
+        ports
+    }
+
+    fn kind_of(&self, end: &End, scope: &Scope) -> Option<PortKind> {
+        let ports = match scope.get(&end.component.text)? {
+            Placed::Slot(index) => ports_of("", &self.slots.get(*index)?.component),
+            Placed::Composite(ports, _) => ports.clone(),
+            Placed::Broken => return None,
+        };
+        ports.iter().find(|port| port.name == end.port.text).map(|port| port.kind)
+    }
+}
+
+/// Every port of a component in the slot of that name.
+#[must_use]
+pub fn ports_of(slot: &str, component: &ComponentPlan) -> Vec<Port> {
+    let port = |name: &str, kind, is_source, type_name: &str| Port {
+        name: name.to_owned(),
+        kind,
+        is_source,
+        type_name: type_name.to_owned(),
+        end: PortRef { slot: slot.to_owned(), port: name.to_owned() },
+    };
+    let data = component.data_ports.iter();
+    let events = component.event_ports.iter();
+    let services = component.service_ports.iter();
+    data.map(|p| port(&p.name, PortKind::Data, p.usage == Usage::Output, &p.data_type))
+        .chain(events.map(|p| port(&p.name, PortKind::Event, p.usage == Usage::Output, &p.data_type)))
+        .chain(services.map(|p| port(&p.name, PortKind::Service, !p.provided, &p.type_name)))
+        .collect()
+}
+
+/// A port in words.
+pub(super) fn describe(port: &Port) -> String {
+    let direction = match (port.kind, port.is_source) {
+        (PortKind::Service, true) => "required",
+        (PortKind::Service, false) => "provided",
+        (_, true) => "output",
+        (_, false) => "input",
+    };
+    format!("the {} {direction} \"{}\"", kind_name(port.kind), port.name)
+}
+
+fn describe_end(end: &End) -> String {
+    format!("{}.{}", end.component.text, end.port.text)
+}
+
+/// The word that profiles use for a kind of port.
+#[must_use]
+pub const fn kind_name(kind: PortKind) -> &'static str {
+    match kind {
+        PortKind::Data => "data",
+        PortKind::Event => "event",
+        PortKind::Service => "service",
+    }
+}

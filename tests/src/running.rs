@@ -1,0 +1,190 @@
+//! A daemon that runs. Every wait has a deadline far beyond what is needed: a test fails by it, it never measures with it.
+
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use framework_daemon::fault::journal::unseal;
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::daemon_binary::daemon_binary;
+use crate::profiles::plugin_dir;
+
+/// Far beyond what anything here needs.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A daemon, ended when the test ends.
+pub struct Running {
+    child: Child,
+    log: Arc<Mutex<String>>,
+    journal: PathBuf,
+    _scratch: TempDir,
+}
+
+impl Running {
+    /// Runs a profile directory with the plugins of this build and waits until it is ready.
+    ///
+    /// # Panics
+    /// When it does not get ready.
+    #[must_use]
+    pub fn start(directory: &Path, arguments: &[&str]) -> Self {
+        let mut running = Self::spawn(directory, arguments);
+        while !running.log().contains("ready: ") {
+            assert!(running.is_alive(), "it ended before it was ready; the log:\n{}", running.log());
+            thread::sleep(Duration::from_millis(5));
+        }
+        running
+    }
+
+    /// Runs a profile directory without waiting.
+    ///
+    /// # Panics
+    /// When the binary cannot be started.
+    #[must_use]
+    pub fn spawn(directory: &Path, arguments: &[&str]) -> Self {
+        let scratch = TempDir::new().expect("a temporary directory");
+        let journal = scratch.path().join("journal.jsonl");
+        let mut child = Command::new(daemon_binary())
+            .arg("run")
+            .arg(directory)
+            .args(["--plugins".as_ref(), plugin_dir().as_os_str()])
+            .args(["--journal".as_ref(), journal.as_os_str()])
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the daemon's binary runs");
+        let log = Arc::new(Mutex::new(String::new()));
+        collect(child.stdout.take().expect("stdout is piped"), &log);
+        collect(child.stderr.take().expect("stderr is piped"), &log);
+        Self { child, log, journal, _scratch: scratch }
+    }
+
+    /// All that it printed so far, stdout and stderr.
+    ///
+    /// # Panics
+    /// Never, unless a collecting thread did.
+    #[must_use]
+    pub fn log(&self) -> String {
+        self.log.lock().expect("no collector panics").clone()
+    }
+
+    /// Waits until it printed `text`.
+    ///
+    /// # Panics
+    /// When it does not.
+    pub fn wait_for(&self, text: &str) {
+        self.until(&format!("`{text}` in the log"), || self.log().contains(text));
+    }
+
+    /// Waits until `count` lines of the log contain `text`.
+    ///
+    /// # Panics
+    /// When they do not.
+    pub fn wait_for_lines(&self, text: &str, count: usize) {
+        self.until(&format!("{count} lines with `{text}`"), || self.lines(text).len() >= count);
+    }
+
+    /// The log's lines that contain `text`.
+    #[must_use]
+    pub fn lines(&self, text: &str) -> Vec<String> {
+        self.log().lines().filter(|line| line.contains(text)).map(str::to_owned).collect()
+    }
+
+    /// Waits until the journal has `count` entries of that kind, and returns them.
+    ///
+    /// # Panics
+    /// When it has not.
+    #[must_use]
+    pub fn journal(&self, kind: &str, count: usize) -> Vec<Value> {
+        self.until(&format!("{count} `{kind}` in the journal"), || self.entries(kind).len() >= count);
+        self.entries(kind)
+    }
+
+    /// The journal's entries of that kind; every complete line must have a right checksum.
+    ///
+    /// # Panics
+    /// When one has not.
+    #[must_use]
+    pub fn entries(&self, kind: &str) -> Vec<Value> {
+        let text = std::fs::read_to_string(&self.journal).unwrap_or_default();
+        let complete = text.split_inclusive('\n').filter(|line| line.ends_with('\n'));
+        let entries = complete.map(|line| unseal(line).unwrap_or_else(|| panic!("damaged journal line: {line}")));
+        entries.filter(|entry| entry["kind"] == kind).collect()
+    }
+
+    fn until(&self, what: &str, test: impl Fn() -> bool) {
+        let began = Instant::now();
+        while !test() {
+            assert!(began.elapsed() < PATIENCE, "waited for {what}; the log:\n{}", self.log());
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Sends a signal: `HUP`, `TERM`, `INT`.
+    ///
+    /// # Panics
+    /// When it cannot be sent.
+    pub fn signal(&self, name: &str) {
+        let status = Command::new("kill").arg(format!("-{name}")).arg(self.child.id().to_string()).status();
+        assert!(status.expect("kill runs").success());
+    }
+
+    /// Waits for its end.
+    ///
+    /// # Panics
+    /// When it does not end.
+    pub fn wait(&mut self) -> ExitStatus {
+        let began = Instant::now();
+        loop {
+            if let Some(status) = self.child.try_wait().expect("a child can be waited for") {
+                return status;
+            }
+            assert!(began.elapsed() < PATIENCE, "waited for the end; the log:\n{}", self.log());
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Ends it in order; returns what the journal says of each slot.
+    ///
+    /// # Panics
+    /// When it does not end well.
+    pub fn stop(&mut self) -> Vec<Value> {
+        self.signal("TERM");
+        let status = self.wait();
+        assert!(status.success(), "{status}; the log:\n{}", self.log());
+        let stops = self.entries("stop");
+        stops[0]["slots"].as_array().cloned().unwrap_or_default()
+    }
+
+    /// True while it runs.
+    ///
+    /// # Panics
+    /// Never in practice.
+    pub fn is_alive(&mut self) -> bool {
+        self.child.try_wait().expect("a child can be waited for").is_none()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn collect(stream: impl Read + Send + 'static, log: &Arc<Mutex<String>>) {
+    let log = Arc::clone(log);
+    thread::spawn(move || {
+        for line in BufReader::new(stream).lines().map_while(Result::ok) {
+            let mut log = log.lock().expect("no collector panics");
+            log.push_str(&line);
+            log.push('\n');
+        }
+    });
+}

@@ -156,7 +156,7 @@ impl Daemon<'_> {
         tracing::info!("reloading {}", self.settings.directory.display());
         let result = load::load(&self.settings.directory)
             .map_err(|diagnostics| diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>())
-            .and_then(|loaded| reload(&mut self.system, Arc::new(loaded.plan), &self.settings.plugins));
+            .and_then(|loaded| reload(&mut self.system, &Arc::new(loaded.plan), &self.settings.plugins));
         match result {
             Ok(changes) => {
                 tracing::info!(

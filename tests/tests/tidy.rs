@@ -140,7 +140,7 @@ fn unsafe_has_an_address() {
                 ));
             }
             None if listed => {
-                problems.push(format!("{}:1: no unsafe code left here: take it off the list", source.path))
+                problems.push(format!("{}:1: no unsafe code left here: take it off the list", source.path));
             }
             _ => {}
         }

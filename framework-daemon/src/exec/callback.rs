@@ -83,8 +83,7 @@ pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bo
 #[must_use]
 pub fn side_report() -> Option<Fault> {
     let raised = host::take_raised().map(|message| (Symptom::Raised, Evidence::Text { message }));
-    let (symptom, evidence) =
-        raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
+    let (symptom, evidence) = raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
     let now = clock::now_ns();
     Some(Fault { symptom, at_ns: now, detected_ns: now, injected: false, evidence })
 }

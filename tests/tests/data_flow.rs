@@ -8,7 +8,11 @@ fn chain(executor: &str) -> String {
         &[
             slot("listener", "Listener", executor),
             slot("relay", "Relay", executor),
-            slot("ticker", "Ticker", &format!("{executor}<properties><property name=\"first\" type=\"int\">7</property></properties>")),
+            slot(
+                "ticker",
+                "Ticker",
+                &format!("{executor}<properties><property name=\"first\" type=\"int\">7</property></properties>"),
+            ),
         ],
         &["ticker.out -> relay.heard", "relay.said -> listener.heard"],
     )
@@ -26,10 +30,7 @@ fn a_chain_over_three_executors_loses_nothing() {
 #[test]
 fn a_chain_on_one_executor_runs_inline() {
     let profiles = Profiles::new(&chain("<executor>main</executor>"));
-    profiles.write(
-        "system.xml",
-        "<system_profile><name>one</name><executor name=\"main\"/></system_profile>",
-    );
+    profiles.write("system.xml", "<system_profile><name>one</name><executor name=\"main\"/></system_profile>");
     let mut daemon = Running::start(profiles.path(), &[]);
     assert!(daemon.log().contains("3 slots on 1 executors"), "{}", daemon.log());
     daemon.wait_for("heard 301 of 307 from ticker");
@@ -41,7 +42,9 @@ fn a_chain_on_one_executor_runs_inline() {
 }
 
 fn sonar(on_invalid: &str) -> (u64, u64, Vec<serde_json::Value>) {
-    let validity = format!("<validity field=\"range\"><min>0.03</min><max>3.0</max><on_invalid>{on_invalid}</on_invalid></validity>");
+    let validity = format!(
+        "<validity field=\"range\"><min>0.03</min><max>3.0</max><on_invalid>{on_invalid}</on_invalid></validity>"
+    );
     let application = application(&[slot("sonar", "Sonar", ""), slot("gauge", "Gauge", "")], &[]);
     let wired = connection("sonar.out -> gauge.heard", &validity);
     let profiles = Profiles::new(&application.replace("<port_connections>", &format!("<port_connections>{wired}")));

@@ -52,8 +52,9 @@ impl Callbacks for MotorControl {
         let in_time = self.command.age(cx).is_some_and(|age| age <= COMMAND_LASTS);
         let wanted = self.command.newest().filter(|_| in_time).map_or(Motion::STOP, Motion::from);
         let elapsed = cx.now().since(self.last).as_secs_f64().clamp(0.001, 0.05);
-        let [left, right] = self.control.drive(wanted, elapsed, &drive);
-        self.wheels.write(WheelCommand { left, right });
+        if let Some([left, right]) = self.control.drive(wanted, elapsed, &drive) {
+            self.wheels.write(WheelCommand { left, right });
+        }
         self.last = cx.now();
         Ok(())
     }

@@ -48,10 +48,16 @@ const BRAKING: f64 = 3.0;
 /// The trim never adds more than this share of the wanted velocity.
 const TRIM_LIMIT: f64 = 0.2;
 
+/// Calls of a new instance that wait for the encoders to tell how the wheels turn.
+const TAKE_OVER: u8 = 4;
+
 /// Limiter and trim.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WheelControl {
     now: Motion,
+    /// Whether `now` is known: the wheels may turn already when an instance begins, if it succeeds one that failed.
+    going: bool,
+    waited: u8,
     /// Factor on each side's velocity is `1 + trim`.
     trim: [f64; 2],
     measured: Option<[f64; 2]>,
@@ -59,14 +65,26 @@ pub struct WheelControl {
 }
 
 impl WheelControl {
-    /// Wheel velocities `[left, right]` in rad/s that bring the robot nearer to `wanted` within `elapsed` s.
-    pub fn drive(&mut self, wanted: Motion, elapsed: f64, drive: &Drive) -> [f64; 2] {
+    /// Wheel velocities `[left, right]` in rad/s that bring the robot nearer to `wanted` within `elapsed` s. None while a
+    /// new instance does not know yet how the wheels turn: the board keeps to its last command for that long.
+    pub fn drive(&mut self, wanted: Motion, elapsed: f64, drive: &Drive) -> Option<[f64; 2]> {
+        if !self.going && !self.take_over(drive) {
+            return None;
+        }
         self.now.forward = approach(self.now.forward, wanted.forward, drive.max_acceleration * elapsed);
         self.now.turn = approach(self.now.turn, wanted.turn, drive.max_turn_acceleration * elapsed);
         let feed_forward = wheels_of(self.now, drive);
         self.adapt(feed_forward, elapsed, drive);
         let trimmed = [feed_forward[0] * (1.0 + self.trim[0]), feed_forward[1] * (1.0 + self.trim[1])];
-        within(trimmed, drive.max_wheel)
+        Some(within(trimmed, drive.max_wheel))
+    }
+
+    /// Begins with the motion that the encoders tell; without encoders from standstill, after a while.
+    fn take_over(&mut self, drive: &Drive) -> bool {
+        self.waited += 1;
+        self.now = self.measured.map_or(Motion::STOP, |wheels| motion_of(wheels, drive));
+        self.going = self.measured.is_some() || self.waited > TAKE_OVER;
+        self.going
     }
 
     /// Takes an encoder reading, `time` in s.
@@ -80,8 +98,8 @@ impl WheelControl {
 
     /// Forgets the motion (not the trim): the next start is from standstill.
     pub fn halt(&mut self) {
-        self.now = Motion::STOP;
-        self.measured = None;
+        (self.now, self.going, self.waited) = (Motion::STOP, false, 0);
+        (self.measured, self.last_ticks) = (None, None);
     }
 
     fn adapt(&mut self, commanded: [f64; 2], elapsed: f64, drive: &Drive) {
@@ -110,6 +128,13 @@ fn wheels_of(motion: Motion, drive: &Drive) -> [f64; 2] {
     [(motion.forward - difference) / drive.wheel_radius, (motion.forward + difference) / drive.wheel_radius]
 }
 
+fn motion_of([left, right]: [f64; 2], drive: &Drive) -> Motion {
+    Motion {
+        forward: f64::midpoint(left, right) * drive.wheel_radius,
+        turn: (right - left) * drive.wheel_radius / drive.track,
+    }
+}
+
 /// Both sides scaled alike, so that a limit makes the curve slower and not wider.
 fn within([left, right]: [f64; 2], limit: f64) -> [f64; 2] {
     let scale = (limit / left.abs().max(right.abs()).max(f64::MIN_POSITIVE)).min(1.0);
@@ -126,36 +151,45 @@ fn side_velocities(before: [i32; 4], after: [i32; 4], elapsed: f64, drive: &Driv
 mod tests {
     use super::*;
 
+    /// Past the time of taking over, standing.
+    fn standing() -> (WheelControl, Drive) {
+        (WheelControl { going: true, ..WheelControl::default() }, Drive::default())
+    }
+
+    fn drive(control: &mut WheelControl, wanted: Motion, elapsed: f64, drive: &Drive) -> [f64; 2] {
+        control.drive(wanted, elapsed, drive).expect("it has taken over")
+    }
+
     #[test]
     fn speeding_up_is_limited_and_braking_is_faster() {
-        let (mut control, drive) = (WheelControl::default(), Drive::default());
+        let (mut control, limits) = standing();
         let wanted = Motion { forward: 0.5, turn: 0.0 };
-        let [left, right] = control.drive(wanted, 0.02, &drive);
+        let [left, right] = drive(&mut control, wanted, 0.02, &limits);
         assert!((left - 0.02 / 0.0625).abs() < 1e-9 && (left - right).abs() < 1e-12);
-        let steps = (0..100).take_while(|_| control.drive(wanted, 0.02, &drive)[0] < 7.99).count();
+        let steps = (0..100).take_while(|_| drive(&mut control, wanted, 0.02, &limits)[0] < 7.99).count();
         assert!((20..30).contains(&steps), "{steps}");
-        let braking = (0..100).take_while(|_| control.drive(Motion::STOP, 0.02, &drive)[0] > 0.01).count();
+        let braking = (0..100).take_while(|_| drive(&mut control, Motion::STOP, 0.02, &limits)[0] > 0.01).count();
         assert!(braking < 10, "{braking}");
     }
 
     #[test]
     fn turning_left_makes_the_right_side_faster() {
-        let (mut control, drive) = (WheelControl::default(), Drive::default());
-        let [left, right] = control.drive(Motion { forward: 0.0, turn: 1.0 }, 1.0, &drive);
+        let (mut control, limits) = standing();
+        let [left, right] = drive(&mut control, Motion { forward: 0.0, turn: 1.0 }, 1.0, &limits);
         assert!(left < 0.0 && right > 0.0);
     }
 
     #[test]
     fn a_weak_side_is_trimmed_up_but_not_without_limit() {
-        let (mut control, drive) = (WheelControl::default(), Drive::default());
+        let (mut control, limits) = standing();
         let wanted = Motion { forward: 0.4, turn: 0.0 };
         let mut rolled = [0.0, 0.0];
         for step in 0..2000 {
-            let [left, right] = control.drive(wanted, 0.02, &drive);
+            let [left, right] = drive(&mut control, wanted, 0.02, &limits);
             assert!(left <= 6.4 * 1.2 + 1e-3 && right <= 6.4 * 1.2 + 1e-3);
             rolled = [rolled[0] + left * 0.5 * 0.02, rolled[1] + right * 0.02];
             let [weak, strong] = rolled.map(|angle: f64| (angle * 2000.0 / TAU) as i32);
-            control.observe([weak, weak, strong, strong], f64::from(step) * 0.02, &drive);
+            control.observe([weak, weak, strong, strong], f64::from(step) * 0.02, &limits);
         }
         assert!(control.trim[0] > 0.19 && control.trim[1].abs() < 0.02, "{:?}", control.trim);
     }
@@ -168,8 +202,26 @@ mod tests {
 
     #[test]
     fn nonsense_stops_the_robot() {
-        let mut control = WheelControl::default();
+        let (mut control, limits) = standing();
         let nonsense = Motion { forward: f64::NAN, turn: f64::INFINITY };
-        assert_eq!(control.drive(nonsense, 0.02, &Drive::default()), [0.0, 0.0]);
+        assert_eq!(drive(&mut control, nonsense, 0.02, &limits), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_successor_takes_over_from_turning_wheels() {
+        let (mut control, limits) = (WheelControl::default(), Drive::default());
+        let wanted = Motion { forward: 0.5, turn: 0.0 };
+        control.observe([1000; 4], 1.0, &limits);
+        assert_eq!(control.drive(wanted, 0.02, &limits), None, "one reading tells no speed");
+        control.observe([1050; 4], 1.02, &limits);
+        let [left, right] = drive(&mut control, wanted, 0.02, &limits);
+        assert!((left - 8.0).abs() < 0.2 && (right - 8.0).abs() < 0.2, "{left} {right}");
+    }
+
+    #[test]
+    fn without_encoders_it_begins_all_the_same() {
+        let mut control = WheelControl::default();
+        let begun = (0..10).position(|_| control.drive(Motion::STOP, 0.02, &Drive::default()).is_some());
+        assert_eq!(begun, Some(4));
     }
 }

@@ -156,8 +156,8 @@ impl Robot {
         }
         if number % 2 == 0 {
             self.avoid((scenario.avoider)(now), scenario);
-            let [left, right] = self.wheels.drive(self.command, 0.02, &Drive::default());
-            if (scenario.commands_pass)(now) {
+            let wheels = self.wheels.drive(self.command, 0.02, &Drive::default());
+            if let Some([left, right]) = wheels.filter(|_| (scenario.commands_pass)(now)) {
                 let speeds = WheelVelocities { left_rad_s: left as f32, right_rad_s: right as f32 };
                 self.simulation.command(Command::WheelVelocities(speeds));
             }

@@ -2,7 +2,8 @@
 
 use crate::angle;
 
-/// Time within which a course wants to be on its bearing, in seconds: it makes `turn` of a course and its bearing one number.
+/// Time within which a course wants to be on its bearing, in seconds: it makes `turn` of a course and its bearing one
+/// number.
 pub const COURSE_HORIZON: f64 = 1.0;
 
 /// Speed along and about the robot's own axes.
@@ -18,8 +19,9 @@ impl Motion {
     /// Standing still.
     pub const STOP: Self = Self { forward: 0.0, turn: 0.0 };
 
-    /// A course: go `speed` m/s in the direction `bearing` (rad, left positive). It is a wish, not a command: `forward` is the speed
-    /// once the robot points there, and whoever turns a course into a command slows down for turns and obstacles.
+    /// A course: go `speed` m/s in the direction `bearing` (rad, left positive). It is a wish, not a command: `forward`
+    /// is the speed once the robot points there, and whoever turns a course into a command slows down for turns and
+    /// obstacles.
     #[must_use]
     pub fn course(speed: f64, bearing: f64) -> Self {
         Self { forward: speed, turn: angle::wrap(bearing) / COURSE_HORIZON }

@@ -15,7 +15,8 @@ pub const STEP: f64 = TAU / ECHOES as f64;
 /// Distance of the transducers from the robot's centre, in m.
 pub const RADIUS: f64 = robot::RING_RADIUS_M as f64;
 
-/// Distances in m from each transducer's face, by direction. A raw ring has 0 where there was no echo; a filtered one has the sensor's longest range there.
+/// Distances in m from each transducer's face, by direction. A raw ring has 0 where there was no echo; a filtered one
+/// has the sensor's longest range there.
 pub type Ranges = [f32; ECHOES];
 
 /// The direction of echo `index` in rad, left positive, in `-PI..=PI`.
@@ -48,8 +49,8 @@ pub fn nearest_within(ranges: &Ranges, towards: f64, half_angle: f64) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// How far the robot can go in the direction `towards` (rad) before something of the ring enters the lane of `half_width` m on either
-/// side; in m, from the robot's centre; infinite when the lane is free.
+/// How far the robot can go in the direction `towards` (rad) before something of the ring enters the lane of
+/// `half_width` m on either side; in m, from the robot's centre; infinite when the lane is free.
 #[must_use]
 pub fn free_along(ranges: &Ranges, towards: f64, half_width: f64) -> f64 {
     echoes(ranges)

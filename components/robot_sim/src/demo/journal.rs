@@ -101,9 +101,12 @@ impl Fault {
         if let Some(function) = text("function") {
             return text("offset").map_or(function.clone(), |offset| format!("{function}+{offset}"));
         }
-        let signal = self.evidence.get("signal").map(signal_name);
-        let address = self.evidence.get("address").map(address);
-        [signal, address].into_iter().flatten().collect::<Vec<_>>().join(" at ")
+        let signal = self.evidence.get("signal").map(signal_name).unwrap_or_default();
+        match self.evidence.get("address").map(address) {
+            // Only these two tell which address was accessed.
+            Some(address) if ["SIGSEGV", "SIGBUS"].contains(&signal.as_str()) => format!("{signal} at {address}"),
+            _ => signal,
+        }
     }
 }
 

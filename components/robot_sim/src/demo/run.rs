@@ -60,7 +60,9 @@ pub fn run(settings: &Settings, stop: &AtomicBool, progress: &mut Progress) -> R
     progress.say("  daemon ready, robot under way");
     let mut watch = Watch::new(&place.record(), &place.journal(), ready_ns);
     let mut complaints = watch.until_over(settings.timeout, stop, progress, (&mut simulator, &mut daemon))?;
-    complaints.extend(end_daemon(&mut daemon));
+    let ended = end_daemon(&mut daemon);
+    // If it has died on the way, that is told already.
+    complaints.extend(ended.filter(|_| complaints.is_empty()));
     simulator.end();
     watch.look(progress);
     progress.clear();

@@ -4,13 +4,14 @@ use std::fmt;
 use std::str::FromStr;
 
 /// What the demo does to the robot if nobody says otherwise: the third fault of the avoider is one too many for its
-/// restart intensity, so the secondary takes over; then two components that have no secondary.
+/// restart intensity, so the secondary takes over; then two components that have no secondary. Each comes while the robot
+/// drives at full speed, so that a break would show in the picture.
 pub const DEFAULT: [&str; 5] = [
     "avoider:crash.panic@4",
     "avoider:crash.fpe@7",
     "avoider:crash.segv@10",
-    "sonar:crash.segv@13",
-    "odometry:crash.abort@16",
+    "sonar:crash.segv@12",
+    "odometry:crash.abort@14.5",
 ];
 
 /// One fault to inject.

@@ -109,6 +109,9 @@ impl Watch {
     pub(super) fn report(mut self, schedule: &[Injection], complaints: Vec<String>) -> Result<Report, DemoError> {
         // What the daemon reports while it is being ended is about the end, not about the run.
         self.faults.retain(|fault| fault.mono_ns <= self.over_ns);
+        // The simulator lingers and records on.
+        let arrived = self.end.map_or(u64::MAX, |end| end.mono_ns);
+        self.track.retain(|moment| moment.mono_ns <= arrived);
         self.faults.sort_by_key(|fault| fault.mono_ns);
         let world = self.world.ok_or_else(|| DemoError::NotReady {
             program: "the simulator",

@@ -208,6 +208,24 @@ fn odd_directories_are_answered() {
     assert!(load(dir.path()).is_ok(), "two names of one file are one file");
 }
 
+/// A name that is not UTF-8 is shown as well as it can be, and hides no change.
+#[test]
+fn names_that_are_not_text_are_no_obstacle() {
+    use std::os::unix::ffi::OsStrExt;
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    let odd = dir.path().join(std::ffi::OsStr::from_bytes(b"\xff"));
+    fs::create_dir(&odd).expect("a directory with an odd name");
+    write(&odd, "app.xml", GOOD.as_bytes());
+    write(&odd, "A.xml", COMPONENT.as_bytes());
+    let old = load(&odd).expect("accepted").plan;
+    assert!(serde_json::to_string(&old).is_ok());
+    write(&odd, "A.xml", COMPONENT.replace(">20<", ">10<").as_bytes());
+    assert_eq!(diff(&old, &load(&odd).expect("accepted").plan).slots_changed, ["one", "two"]);
+    write(&odd, "A.xml", b"<a>");
+    let found = load(&odd).expect_err("refused");
+    assert!(found.iter().all(|finding| serde_json::to_string(finding).is_ok()));
+}
+
 #[test]
 fn what_is_too_large_is_refused_quickly() {
     let dir = tempfile::tempdir().expect("a temporary directory");

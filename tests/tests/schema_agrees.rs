@@ -70,7 +70,11 @@ fn words(kind: Kind) -> impl Iterator<Item = &'static str> {
 fn facts_of_schema(tree: &Element, element: &Element, above: &str, facts: &mut BTreeSet<String>) {
     let path = format!("{above}/{}", element.value_of("name"));
     facts.insert(path.clone());
-    enumerations_of_type(tree, element.value_of("type"), &path, facts);
+    let type_name = element.value_of("type");
+    match tree.children_of("xs:complexType").find(|found| found.value_of("name") == type_name) {
+        Some(shared) => walk_type(tree, shared, &path, facts),
+        None => enumerations_of_type(tree, type_name, &path, facts),
+    }
     for part in &element.children {
         walk_type(tree, part, &path, facts);
     }

@@ -130,7 +130,7 @@ impl Serialize for Diagnostic {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         json!({
             "level": self.level,
-            "file": &*self.location.file,
+            "file": self.location.file.to_string_lossy(),
             "line": self.location.line,
             "column": self.location.column,
             "width": self.excerpt.width,

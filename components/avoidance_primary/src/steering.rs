@@ -84,11 +84,11 @@ impl Steering {
         let comfortable = Histogram::of(ranges, settings.body_radius + settings.clearance, HALF_BEAM, horizon);
         let narrow = Histogram::of(ranges, settings.body_radius + settings.clearance * NARROW, 0.0, horizon);
         self.wound = if self.passing == 0.0 { course.bearing() } else { angle::unwrap(course.bearing(), self.wound) };
-        if self.is_unwound() {
-            if let Some(lean) = self.near_course(&comfortable).or_else(|| self.near_course(&narrow)) {
-                (self.passing, self.lean) = (0.0, lean);
-                return self.wound + lean;
-            }
+        if self.is_unwound()
+            && let Some(lean) = self.near_course(&comfortable).or_else(|| self.near_course(&narrow))
+        {
+            (self.passing, self.lean) = (0.0, lean);
+            return self.wound + lean;
         }
         if self.passing == 0.0 {
             self.meet(&comfortable);

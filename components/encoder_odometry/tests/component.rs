@@ -1,5 +1,7 @@
 //! The component on the bench: ticks in, odometry out.
 
+use std::f64::consts::TAU;
+
 use component_sdk::prelude::*;
 use component_sdk::testing::Bench;
 use encoder_odometry::EncoderOdometry;
@@ -17,8 +19,8 @@ fn a_revolution_of_all_wheels_is_their_circumference() {
     let mut bench = Bench::<EncoderOdometry>::new().expect("defaults are valid");
     drive(&mut bench, [0; 4], 0);
     let report = drive(&mut bench, [2000; 4], 1_000_000);
-    assert!((report.pose.pose.position.x - 0.3927).abs() < 1e-4);
-    assert!((report.twist.twist.linear.x - 0.3927).abs() < 1e-4);
+    assert!((report.pose.pose.position.x - TAU * 0.0625).abs() < 1e-4);
+    assert!((report.twist.twist.linear.x - TAU * 0.0625).abs() < 1e-4);
     assert_eq!(&*report.header.frame_id, "odom");
     assert_eq!(report.header.stamp, Time { sec: 1, nanosec: 0 });
 }
@@ -28,5 +30,5 @@ fn right_wheels_alone_turn_it_left() {
     let mut bench = Bench::<EncoderOdometry>::with(&[("track", "0.4")]).expect("valid");
     drive(&mut bench, [0; 4], 0);
     let report = drive(&mut bench, [0, 0, 1000, 1000], 1_000_000);
-    assert!((report.pose.pose.orientation.yaw() - 0.4909).abs() < 1e-3);
+    assert!((report.pose.pose.orientation.yaw() - TAU * 0.0625 / 2.0 / 0.4).abs() < 1e-3);
 }

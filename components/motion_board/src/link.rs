@@ -15,12 +15,13 @@ pub struct Link<L> {
     line: L,
     encoder: Encoder,
     decoder: Decoder<Telemetry>,
+    cut: u32,
 }
 
 impl<L: Read + Write> Link<L> {
     /// Speaks over `line`, whose reads and writes must return at once (`WouldBlock` or `TimedOut` when there is nothing to do).
     pub fn new(line: L) -> Self {
-        Self { line, encoder: Encoder::new(), decoder: Decoder::new() }
+        Self { line, encoder: Encoder::new(), decoder: Decoder::new(), cut: 0 }
     }
 
     /// Hands all telemetry that has come to `sink`.
@@ -47,17 +48,20 @@ impl<L: Read + Write> Link<L> {
         let speeds = WheelVelocities { left_rad_s: left as f32, right_rad_s: right as f32 };
         let frame = self.encoder.encode(&Command::WheelVelocities(speeds));
         match self.line.write(&frame) {
-            // A frame cut short fails its check sum at the board, like any other noise.
-            Ok(_) => Ok(()),
+            // A frame cut short fails its check sum at the board, like any other noise; the next one comes soon.
+            Ok(count) => {
+                self.cut = self.cut.wrapping_add(u32::from(count < frame.len()));
+                Ok(())
+            }
             Err(error) => nothing_now(error),
         }
     }
 
-    /// Frames lost or damaged on the way here, since the line was opened.
+    /// Frames damaged on the way, in either direction as far as is known here, since the line was opened.
     #[must_use]
     pub fn damaged(&self) -> u32 {
         let seen = self.decoder.counters();
-        seen.checksum_errors.wrapping_add(seen.rejected)
+        seen.checksum_errors.wrapping_add(seen.rejected).wrapping_add(self.cut)
     }
 }
 

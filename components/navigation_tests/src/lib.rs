@@ -97,7 +97,7 @@ pub fn run(scenario: &Scenario) -> Report {
         robot.step(step, scenario);
         let truth = robot.simulation.truth();
         report.closest = report.closest.min(truth.clearance_m - 0.25);
-        if step % 25 == 0 {
+        if step.is_multiple_of(25) {
             report.path.push((truth.pose.at.x, truth.pose.at.y));
         }
         report.reached = robot.simulation.reached();
@@ -147,14 +147,14 @@ impl Robot {
         let now = self.simulation.time().as_secs_f64();
         self.listen();
         self.look(now);
-        if number % 5 == 0 {
+        if number.is_multiple_of(5) {
             if (scenario.odometry_restarts)(now) {
                 self.odometer = Odometer::default();
             }
             self.planner.follow(&self.pose(), now);
             self.course = self.planner.course(&self.pose(), now, &scenario.planner);
         }
-        if number % 2 == 0 {
+        if number.is_multiple_of(2) {
             self.avoid((scenario.avoider)(now), scenario);
             let wheels = self.wheels.drive(self.command, 0.02, &Drive::default());
             if let Some([left, right]) = wheels.filter(|_| (scenario.commands_pass)(now)) {

@@ -9,8 +9,8 @@ use crossbeam_channel::{Receiver, after, never, select};
 use serde_json::{Map, Value, json};
 
 use crate::fault::journal::Journal;
-use crate::fault::manager::{self, SharedJournal};
-use crate::model::limits::BOOT_STEP;
+use crate::fault::manager::{self, Manager, SharedJournal};
+use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP};
 use crate::profile::diagnostic::Diagnostic;
 use crate::profile::load;
 use crate::profile::plan::Plan;
@@ -77,14 +77,15 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<(), RunError> {
     let journal =
         journal.map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
     let journal: SharedJournal = Arc::new(Mutex::new(journal));
-    let faults = manager::start(Arc::clone(&journal))?;
+    let (manager, faults) = manager::start(Arc::clone(&journal))?;
     let system = boot::boot(Arc::new(loaded.plan), &settings.plugins, faults).map_err(|error| match error {
         BootError::Plugins(reasons) => RunError::Plugins(reasons),
         BootError::Failed(reasons) => RunError::Failed(reasons),
     })?;
     note(&journal, "start", &json!({"directory": settings.directory, "slots": system.slots.len()}));
     announce(&system, out)?;
-    Daemon { settings, system, journal, began: Instant::now(), pending: sorted(&settings.injections) }.serve(&requests);
+    let pending = sorted(&settings.injections);
+    Daemon { settings, system, journal, manager, began: Instant::now(), pending }.serve(&requests);
     Ok(())
 }
 
@@ -122,6 +123,7 @@ struct Daemon<'a> {
     settings: &'a Settings,
     system: System,
     journal: SharedJournal,
+    manager: Manager,
     began: Instant,
     pending: Vec<Injection>,
 }
@@ -195,6 +197,7 @@ impl Daemon<'_> {
             })
             .collect();
         shutdown(self.system);
+        self.manager.finish(SHUTDOWN_STEP);
         note(&self.journal, "stop", &json!({"slots": slots}));
     }
 }

@@ -6,7 +6,8 @@ use tests::daemon_binary::daemon_binary;
 use tests::profiles::{Profiles, application, connection, plugin_dir, slot};
 
 fn check(profiles: &Profiles) -> (Option<i32>, String) {
-    let output = Command::new(daemon_binary()).arg("check").arg(profiles.path()).arg("--plugins").arg(plugin_dir()).output();
+    let output =
+        Command::new(daemon_binary()).arg("check").arg(profiles.path()).arg("--plugins").arg(plugin_dir()).output();
     let output = output.unwrap();
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
@@ -22,7 +23,8 @@ fn what_fits_is_accepted() {
 
 #[test]
 fn layouts_that_differ_are_exit_4_with_the_place_of_the_connection() {
-    let application = application(&[slot("ticker", "Ticker", ""), slot("gauge", "Gauge", "")], &["ticker.out -> gauge.heard"]);
+    let application =
+        application(&[slot("ticker", "Ticker", ""), slot("gauge", "Gauge", "")], &["ticker.out -> gauge.heard"]);
     let (code, said) = check(&Profiles::new(&application));
     assert_eq!(code, Some(4), "{said}");
     assert!(said.contains("app.xml:8:") && said.contains("their layouts differ"), "{said}");

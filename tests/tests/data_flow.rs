@@ -45,6 +45,26 @@ fn a_chain_on_one_executor_runs_inline() {
     assert_eq!(cycles("ticker"), cycles("listener"));
 }
 
+#[test]
+fn a_reader_that_takes_one_of_several_is_called_for_each() {
+    let main = "<executor>main</executor>";
+    let slots = [slot("burst", "Burst", main), slot("nibbler", "Nibbler", main)];
+    let profiles = Profiles::new(&application(&slots, &["burst.out -> nibbler.heard"]));
+    profiles.write("system.xml", ONE_EXECUTOR);
+    let daemon = Running::start(profiles.path(), &[]);
+    daemon.wait_for("nibbled 300 of 300");
+}
+
+#[test]
+fn processors_that_are_not_there_are_told_and_do_not_stop_it() {
+    let profiles = Profiles::new(&chain("<executor>main</executor>"));
+    profiles
+        .write("system.xml", "<system_profile><name>one</name><executor name=\"main\" cpu=\"1000\"/></system_profile>");
+    let daemon = Running::start(profiles.path(), &[]);
+    daemon.wait_for("executor main: processors [1000] cannot be used");
+    daemon.wait_for("heard 101");
+}
+
 /// What the gauge heard of the sonar's readings, every tenth of which is bad, on one executor, so that none is overtaken.
 struct Heard {
     sent: u64,

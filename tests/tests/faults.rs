@@ -129,6 +129,19 @@ fn severity_is_by_symptom() {
 }
 
 #[test]
+fn a_fault_that_a_component_raises_is_its_own_wherever_it_raises_it() {
+    let raised = rules("<severity symptom=\"raised\">ignore</severity>");
+    let profiles = Profiles::new(&application(&[slot("diary", "Diary", ""), slot("moaner", "Moaner", &raised)], &[]));
+    let mut daemon = Running::start(profiles.path(), &[]);
+    let _ = daemon.journal("fault", 2);
+    daemon.stop();
+    let faults = daemon.journal("fault", 3);
+    assert!(faults.iter().all(|fault| fault["slot"] == "moaner" && fault["symptom"] == "raised"));
+    let messages: Vec<_> = faults.iter().map(|fault| fault["evidence"]["message"].as_str().unwrap()).collect();
+    assert_eq!(messages, ["in initialize", "in on_execute", "in stop"]);
+}
+
+#[test]
 fn callbacks_after_a_fault_come_in_order() {
     let profiles = Profiles::new(&application(&[slot("diary", "Diary", &rules("<severity>reset</severity>"))], &[]));
     let mut daemon = run(&profiles, "diary", &["crash.panic", "crash.segv"]);

@@ -43,6 +43,13 @@ fn a_plugin_from_outside_runs_after_a_reload_and_a_wrong_connection_is_refused()
     let reason = refused["reasons"][0].as_str().unwrap();
     assert!(reason.contains("layouts differ: field `number`"), "{reason}");
 
+    profiles.replace("app.xml", &slot("mistaken", "Mistaken", ""), "");
+    profiles.replace("app.xml", &connection("ticker.out -> mistaken.heard", ""), "");
+    std::fs::copy(&library, plugins.path().join("liboutside.so")).unwrap();
+    daemon.signal("HUP");
+    let rebuilt = daemon.journal("reload", 3).remove(2);
+    assert_eq!((&rebuilt["changed"], rebuilt["kept"].as_u64()), (&serde_json::json!(["doubler"]), Some(2)));
+
     let slots = daemon.stop();
     assert_eq!(daemon.lines("ticker: starts").len(), 1);
     assert_eq!(slots.len(), 3);

@@ -82,7 +82,8 @@ pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bo
 /// What a callback that went well reported on the side: a bad value that it wrote, a fault that it raised.
 #[must_use]
 pub fn side_report() -> Option<Fault> {
-    let raised = host::take_raised().map(|message| (Symptom::Raised, Evidence::Text { message }));
+    let raised = host::has_told().then(host::take_raised).flatten();
+    let raised = raised.map(|message| (Symptom::Raised, Evidence::Text { message }));
     let (symptom, evidence) =
         raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
     let now = clock::now_ns();
@@ -96,6 +97,7 @@ fn guarded(
     closure: &mut dyn FnMut(),
 ) -> Result<(), Fault> {
     host::enter_slot(slot);
+    let _ = check::take_report();
     match fibers.run(stack_bytes, closure) {
         Ok(Ended::Returned) => Ok(()),
         Ok(Ended::Trapped(trap)) => Err(trapped(&trap)),
@@ -128,6 +130,6 @@ fn told(symptom: Symptom, text: &str) -> Fault {
 }
 
 fn forget_notes() -> Option<u64> {
-    let _ = (host::take_panic(), host::take_error(), host::take_raised(), check::take_report());
-    host::take_injection()
+    let _ = check::take_report();
+    host::forget()
 }

@@ -58,6 +58,8 @@ pub struct Member {
     pub rank: u32,
     /// Fault to provoke in the next `on_execute`; 0: none.
     pub inject: u8,
+    /// A fault that the instance raised while it was initialised; answered when it is started.
+    pub early: Option<Box<Fault>>,
 }
 
 /// Idle fibers kept for a member's size of stack: one runs, one is there when the first is lost.
@@ -86,11 +88,13 @@ impl Member {
     pub fn install(&mut self, crew: &mut Crew) -> Result<(), String> {
         self.prepare_fibers(crew);
         self.unit = Some(self.make(&self.recipe, crew).map_err(|fault| self.tell("instance", &fault))?);
+        self.early = callback::side_report().map(Box::new);
         self.step(Event::Initialize);
         for index in 0..self.standbys.len() {
             if self.standbys[index].preload == Preload::Instance {
                 let unit = self.make(&self.standbys[index].recipe, crew);
                 self.standbys[index].unit = Some(unit.map_err(|fault| self.tell("secondary", &fault))?);
+                self.early = self.early.take().or_else(|| callback::side_report().map(Box::new));
             }
         }
         Ok(())
@@ -147,8 +151,14 @@ impl Member {
             return;
         }
         match self.enter(Call::plain(Hook::Start), crew) {
-            Ok(()) => self.begin(),
+            Ok(()) => {
+                self.begin();
+                self.answer_side_report(crew);
+            }
             Err(fault) => self.handle(fault, crew),
+        }
+        if let Some(early) = self.early.take() {
+            self.handle(*early, crew);
         }
     }
 
@@ -168,11 +178,20 @@ impl Member {
     /// `on_execute`, with its outcome counted and a fault answered on the spot.
     pub fn execute(&mut self, crew: &mut Crew) {
         let inject = std::mem::take(&mut self.inject);
+        let queued = self.queued();
         let began = clock::now_ns();
         match self.enter(Call { inject, ..Call::plain(Hook::Execute) }, crew) {
             Ok(()) => self.completed(clock::now_ns() - began, crew),
             Err(fault) => self.handle(fault, crew),
         }
+        // It took one value of several: the others are news, too. One that takes nothing is not asked again.
+        if self.trigger == Trigger::Nonperiodic && (1..queued).contains(&self.queued()) {
+            self.signal.ring();
+        }
+    }
+
+    fn queued(&self) -> usize {
+        self.slot.inputs.iter().map(|port| port.queued()).sum()
     }
 
     fn completed(&mut self, took_ns: u64, crew: &mut Crew) {
@@ -203,8 +222,9 @@ impl Member {
         if !self.step(Event::Stop) {
             return;
         }
-        if let Err(fault) = self.enter(Call::plain(Hook::Stop), crew) {
-            self.lose(fault, crew);
+        match self.enter(Call::plain(Hook::Stop), crew) {
+            Ok(()) => self.note_side_report(crew),
+            Err(fault) => self.lose(fault, crew),
         }
     }
 

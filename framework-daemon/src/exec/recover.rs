@@ -6,7 +6,7 @@
 use abi_stable::std_types::RStr;
 use component_sdk::abi::class::{FaultArgs, Hook};
 
-use super::callback::Call;
+use super::callback::{self, Call};
 use super::member::{Crew, Member};
 use super::slot::Status;
 use super::unit::Unit;
@@ -14,6 +14,7 @@ use crate::model::fault::{Fault, FaultEvent, Outcome, ShortText, Times};
 use crate::model::ladder::Answer;
 use crate::model::lifecycle::Event;
 use crate::model::limits::RECOVERY_STEPS_MAX;
+use crate::profile::plan::Trigger;
 use crate::sys::clock;
 
 /// How one step of the ladder ended.
@@ -40,6 +41,7 @@ impl Member {
         self.step(Event::Fault);
         let (last, outcome) = self.climb(&fault, answer, &mut times, crew);
         self.tell_manager(fault, class, last, outcome, times, crew);
+        self.note_side_report(crew);
         crew.fibers.bury();
         self.prepare_fibers(crew);
     }
@@ -143,6 +145,9 @@ impl Member {
     /// The callback that the fault cut short, again.
     fn put_to_work(&mut self, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
         times.ready_ns = Some(since(fault));
+        if self.trigger == Trigger::Passive {
+            return Step::Works;
+        }
         match self.enter(Call::plain(Hook::Execute), crew) {
             Ok(()) => {
                 times.first_callback_ns = Some(since(fault));
@@ -176,6 +181,15 @@ impl Member {
         let times = Times { decided_ns: since(&fault), ..Times::default() };
         let class = self.slot.status.class();
         self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, times, crew);
+    }
+
+    /// What was raised where nothing follows from it any more: during a recovery, or on the way out.
+    pub(super) fn note_side_report(&mut self, crew: &mut Crew) {
+        if let Some(fault) = callback::side_report() {
+            Status::count(&self.slot.status.faults);
+            let class = self.slot.status.class();
+            self.tell_manager(fault, class, Answer::Ignore, Outcome::Ignored, Times::default(), crew);
+        }
     }
 
     fn tell_manager(

@@ -1,6 +1,8 @@
 //! The loop: take an event, write it down, tell it. An ordinary thread: recovery never waits for it.
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use crossbeam_channel::Receiver;
 
@@ -11,14 +13,29 @@ use crate::model::limits::FAULT_EVENTS;
 /// The journal, shared with those who note starts, reloads and stops.
 pub type SharedJournal = Arc<Mutex<Journal>>;
 
-/// Starts the fault manager; returns where executors put their events.
+/// The fault manager's thread.
+#[derive(Debug)]
+pub struct Manager(JoinHandle<()>);
+
+/// Starts the fault manager; returns it and where executors put their events.
 ///
 /// # Errors
 /// When the system has no thread left.
-pub fn start(journal: SharedJournal) -> std::io::Result<FaultSender> {
+pub fn start(journal: SharedJournal) -> std::io::Result<(Manager, FaultSender)> {
     let (sender, inbox) = crossbeam_channel::bounded(FAULT_EVENTS);
-    std::thread::Builder::new().name("fault-manager".into()).spawn(move || run(&inbox, &journal))?;
-    Ok(sender)
+    let thread = std::thread::Builder::new().name("fault-manager".into()).spawn(move || run(&inbox, &journal))?;
+    Ok((Manager(thread), sender))
+}
+
+impl Manager {
+    /// Waits until all events are written: until every executor is gone, but no longer than `limit`, because one that hangs
+    /// in a callback never goes.
+    pub fn finish(self, limit: Duration) {
+        let began = Instant::now();
+        while !self.0.is_finished() && began.elapsed() < limit {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
 }
 
 fn run(inbox: &Receiver<FaultEvent>, journal: &SharedJournal) {

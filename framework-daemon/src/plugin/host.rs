@@ -22,6 +22,8 @@ pub struct PanicNote {
 }
 
 thread_local! {
+    // One flag for all: a callback that told nothing costs one load, not the texts' copies.
+    static TOLD: Cell<bool> = const { Cell::new(false) };
     static SLOT: Cell<&'static str> = const { Cell::new("") };
     static PANIC: Cell<Option<PanicNote>> = const { Cell::new(None) };
     static ERROR: Cell<Option<ShortText>> = const { Cell::new(None) };
@@ -29,9 +31,27 @@ thread_local! {
     static INJECTED: Cell<Option<u64>> = const { Cell::new(None) };
 }
 
-/// Says whose callback runs on this thread from now on.
+/// Says whose callback runs on this thread from now on; what was told before is nobody's any more.
 pub fn enter_slot(name: &'static str) {
     SLOT.set(name);
+    if has_told() {
+        forget();
+    }
+}
+
+/// True when anything was told since the last callback began.
+#[must_use]
+pub fn has_told() -> bool {
+    TOLD.get()
+}
+
+/// Forgets all that was told; returns when a fault was provoked.
+pub fn forget() -> Option<u64> {
+    TOLD.set(false);
+    PANIC.set(None);
+    ERROR.set(None);
+    RAISED.set(None);
+    INJECTED.take()
 }
 
 /// The panic since the last call.
@@ -52,12 +72,6 @@ pub fn take_raised() -> Option<ShortText> {
     RAISED.take()
 }
 
-/// When a fault was provoked since the last call.
-#[must_use]
-pub fn take_injection() -> Option<u64> {
-    INJECTED.take()
-}
-
 /// [`component_sdk::abi::host::HostApi::clock`].
 pub extern "C" fn clock_now() -> u64 {
     clock::now_ns()
@@ -72,23 +86,27 @@ pub extern "C" fn log(level: u8, text: RStr<'_>) {
 pub extern "C" fn raise_fault(text: RStr<'_>) {
     let text = ShortText::new(text.as_str());
     RAISED.set(Some(text));
+    TOLD.set(true);
 }
 
 /// [`component_sdk::abi::host::HostApi::note_error`].
 pub extern "C" fn note_error(text: RStr<'_>) {
     let text = ShortText::new(text.as_str());
     ERROR.set(Some(text));
+    TOLD.set(true);
 }
 
 /// [`component_sdk::abi::host::HostApi::note_panic`].
 pub extern "C" fn note_panic(message: RStr<'_>, file: RStr<'_>, line: u32) {
     let note = PanicNote { message: ShortText::new(message.as_str()), file: ShortText::new(file.as_str()), line };
     PANIC.set(Some(note));
+    TOLD.set(true);
 }
 
 /// [`component_sdk::abi::host::HostApi::note_injection`].
 pub extern "C" fn note_injection() {
     INJECTED.set(Some(clock::now_ns()));
+    TOLD.set(true);
 }
 
 /// [`component_sdk::abi::host::HostApi::critical`]: regions outside the instance are registered for checkpoints, which are

@@ -24,11 +24,25 @@ use super::image::{self, Image};
 pub struct Plugin {
     /// The file it came from.
     pub file: PathBuf,
+    /// Its file when it was read: another length or time means another plugin.
+    pub stamp: Stamp,
     /// What its file said.
     pub image: Image,
     /// What its header said.
     pub header: HeaderView,
     classes: &'static [ComponentClass],
+}
+
+/// Length and time of change of a file.
+pub type Stamp = (u64, Option<std::time::SystemTime>);
+
+/// Length and time of change of `file` now.
+///
+/// # Errors
+/// When there is no such file.
+pub fn stamp(file: &Path) -> std::io::Result<Stamp> {
+    let metadata = std::fs::metadata(file)?;
+    Ok((metadata.len(), metadata.modified().ok()))
 }
 
 /// A class of a loaded plugin.
@@ -58,6 +72,7 @@ impl Plugin {
     }
 
     fn try_load(file: &Path, host: &'static HostApi) -> Result<Arc<Self>, String> {
+        let stamp = stamp(file).map_err(|error| format!("it cannot be read: {error}"))?;
         let bytes = std::fs::read(file).map_err(|error| format!("it cannot be read: {error}"))?;
         let image = image::read(&bytes)?;
         let library = open_copy(file, &bytes)?;
@@ -65,7 +80,13 @@ impl Plugin {
         let module = root_module(raw)?;
         (module.install())(host);
         let classes = (module.classes())().as_slice();
-        Ok(Arc::new(Self { file: file.to_owned(), image, header, classes }))
+        Ok(Arc::new(Self { file: file.to_owned(), stamp, image, header, classes }))
+    }
+
+    /// True when its file holds another plugin by now. One that is gone is still the same.
+    #[must_use]
+    pub fn is_outdated(&self) -> bool {
+        stamp(&self.file).is_ok_and(|now| now != self.stamp)
     }
 
     /// The classes that it exports.

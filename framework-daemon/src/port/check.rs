@@ -55,19 +55,19 @@ pub struct Report {
 }
 
 thread_local! {
+    static FOUND: Cell<bool> = const { Cell::new(false) };
     static REPORT: Cell<Option<Report>> = const { Cell::new(None) };
 }
 
 /// The first finding since the last call.
 #[must_use]
 pub fn take_report() -> Option<Report> {
-    REPORT.take()
+    if FOUND.replace(false) { REPORT.take() } else { None }
 }
 
 fn report(symptom: Symptom, port: &str, field: &str, value: f64, limit: f64) {
     // The first one of a callback is kept: what follows it may be its consequence.
-    if let first @ Some(_) = REPORT.take() {
-        REPORT.set(first);
+    if FOUND.replace(true) {
         return;
     }
     let evidence = Evidence::Value { port: ShortText::new(port), field: ShortText::new(field), value, limit };

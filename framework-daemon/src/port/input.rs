@@ -74,6 +74,12 @@ impl InPort {
         !self.queue.is_empty()
     }
 
+    /// Values that wait to be read.
+    #[must_use]
+    pub fn queued(&self) -> usize {
+        self.queue.len()
+    }
+
     /// Values received and values lost to a full queue.
     #[must_use]
     pub fn counts(&self) -> (u64, u64) {

@@ -10,7 +10,7 @@ use super::catalogue::Catalogue;
 use super::wiring::{at, describe};
 use crate::exec::unit::{Recipe, Source};
 use crate::model::limits::STACK_BYTES;
-use crate::plugin::Class;
+use crate::plugin::{Class, Plugin};
 use crate::port::check::Checks;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
@@ -65,6 +65,16 @@ impl<'a> Blueprint<'a> {
     #[must_use]
     pub fn name(&self) -> &str {
         &self.plan.name
+    }
+
+    /// The plugins of its classes, as far as they are loaded.
+    #[must_use]
+    pub fn plugins(&self) -> Vec<Arc<Plugin>> {
+        let standbys = self.standbys.iter().filter_map(|(recipe, _)| match &recipe.source {
+            Source::Loaded(class) => Some(class),
+            Source::Lazy(_) => None,
+        });
+        std::iter::once(&self.class).chain(standbys).map(|class| Arc::clone(class.plugin())).collect()
     }
 
     /// What an output port carries.

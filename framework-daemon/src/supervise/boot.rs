@@ -63,10 +63,11 @@ pub fn directories(plan: &Plan, extra: &[PathBuf]) -> Vec<PathBuf> {
 pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, String> {
     let plan = blueprint.plan;
     let executor = executor_for(system, plan)?;
+    let plugins = blueprint.plugins();
     let member = member(blueprint, executor.bell());
     let (slot, autostart) = (Arc::clone(&member.slot), member.autostart);
     let number = executor.install(member, BOOT_STEP)?;
-    Ok(Placed { slot, executor, member: number, autostart })
+    Ok(Placed { slot, executor, member: number, autostart, plugins })
 }
 
 fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>) -> Member {
@@ -97,6 +98,7 @@ fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>) -> Member {
         next_due_ns: 0,
         rank: 0,
         inject: 0,
+        early: None,
     }
 }
 

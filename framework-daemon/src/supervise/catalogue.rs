@@ -3,16 +3,16 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::SystemTime;
 
 use component_sdk::abi::class::Direction;
 
+use crate::plugin::library::{self, Stamp};
 use crate::plugin::{Class, Plugin, discover};
 use crate::port::border::HOST;
 use crate::profile::plan::{ComponentPlan, Usage};
 
 /// A file at a moment: a rebuilt plugin is another one.
-type Key = (PathBuf, u64, Option<SystemTime>);
+type Key = (PathBuf, Stamp);
 
 /// All plugins of the process.
 #[derive(Clone, Default)]
@@ -68,8 +68,8 @@ impl Catalogue {
     }
 
     fn plugin(&self, file: &Path) -> Result<Arc<Plugin>, String> {
-        let metadata = std::fs::metadata(file).map_err(|error| format!("{}: {error}", file.display()))?;
-        let key = (file.to_owned(), metadata.len(), metadata.modified().ok());
+        let stamp = library::stamp(file).map_err(|error| format!("{}: {error}", file.display()))?;
+        let key = (file.to_owned(), stamp);
         let mut loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(plugin) = loaded.get(&key) {
             return Ok(Arc::clone(plugin));

@@ -52,12 +52,17 @@ pub fn reload(system: &mut System, plan: &Arc<Plan>, extra: &[PathBuf]) -> Resul
 }
 
 /// What changes, and the plans of all slots that must be built. A slot whose executor changed is built anew: a thread
-/// keeps its schedule for life.
+/// keeps its schedule for life. So is one whose plugin was built anew.
 fn compare(system: &System, plan: &Plan) -> (Changes, Vec<SlotPlan>) {
     let diff = diff(&system.plan, plan);
     let moved = |slot: &&SlotPlan| slot.executor.as_ref().is_some_and(|name| diff.executors_changed.contains(name));
     let is_new = |slot: &SlotPlan| diff.slots_added.contains(&slot.name);
-    let is_changed = |slot: &SlotPlan| !is_new(slot) && (diff.slots_changed.contains(&slot.name) || moved(&slot));
+    let rebuilt = |slot: &SlotPlan| {
+        let placed = system.slot(&slot.name);
+        placed.is_some_and(|placed| placed.plugins.iter().any(|plugin| plugin.is_outdated()))
+    };
+    let is_changed =
+        |slot: &SlotPlan| !is_new(slot) && (diff.slots_changed.contains(&slot.name) || moved(&slot) || rebuilt(slot));
     let fresh: Vec<SlotPlan> = plan.slots.iter().filter(|slot| is_new(slot) || is_changed(slot)).cloned().collect();
     let changed = fresh.iter().filter(|slot| is_changed(slot)).map(|slot| slot.name.clone()).collect();
     let kept = plan.slots.len() - fresh.len();

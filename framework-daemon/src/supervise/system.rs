@@ -7,6 +7,7 @@ use super::catalogue::Catalogue;
 use crate::exec::executor::Executor;
 use crate::exec::slot::Slot;
 use crate::model::fault::FaultSender;
+use crate::plugin::Plugin;
 use crate::profile::plan::Plan;
 
 /// A slot that runs somewhere.
@@ -20,6 +21,8 @@ pub struct Placed {
     pub member: usize,
     /// Whether it is started at boot.
     pub autostart: bool,
+    /// The plugins of its classes, as far as they were loaded at boot.
+    pub plugins: Vec<Arc<Plugin>>,
 }
 
 /// All that runs.

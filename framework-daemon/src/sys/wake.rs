@@ -35,7 +35,8 @@ impl Waker {
             // Absolute: no drift by the time between the clock's reading and the call.
             self.futex(libc::FUTEX_WAIT_BITSET, WAITING, deadline, libc::FUTEX_BITSET_MATCH_ANY);
         }
-        self.0.store(IDLE, Ordering::Release);
+        // Also acquires what a waker published in the moment between time-out and here.
+        self.0.swap(IDLE, Ordering::AcqRel);
     }
 
     fn futex(&self, operation: i32, value: u32, deadline: *const libc::timespec, bitset: i32) {

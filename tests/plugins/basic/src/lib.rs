@@ -213,6 +213,71 @@ impl Callbacks for Gauge {
     }
 }
 
+/// Raises faults: while it is initialised, in its third cycle, when it is stopped.
+#[derive(Component)]
+#[component(name = "Moaner", version = "1.0", periodic = "5ms")]
+pub struct Moaner {
+    cycles: u64,
+}
+
+impl Callbacks for Moaner {
+    fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
+        cx.raise_fault("in initialize");
+        Ok(())
+    }
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        self.cycles += 1;
+        if self.cycles == 3 {
+            cx.raise_fault("in on_execute");
+        }
+        Ok(())
+    }
+    fn stop(&mut self, cx: &mut Context<'_>) -> Outcome {
+        cx.raise_fault("in stop");
+        Ok(())
+    }
+}
+
+/// Takes one value a call, however many wait.
+#[derive(Component)]
+#[component(name = "Nibbler", version = "1.0", nonperiodic)]
+pub struct Nibbler {
+    #[port(fifo = 500)]
+    heard: DataIn<Count>,
+    received: u64,
+}
+
+impl Callbacks for Nibbler {
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        if let Some(count) = self.heard.take() {
+            self.received += 1;
+            if self.received.is_multiple_of(100) {
+                info!(cx, "nibbled {} of {}", self.received, count.number);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Sends ten numbers at once.
+#[derive(Component)]
+#[component(name = "Burst", version = "1.0", periodic = "20ms")]
+pub struct Burst {
+    #[port]
+    out: DataOut<Count>,
+    sent: u64,
+}
+
+impl Callbacks for Burst {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        for _ in 0..10 {
+            self.sent += 1;
+            self.out.write(Count { number: self.sent, ..Count::default() });
+        }
+        Ok(())
+    }
+}
+
 /// Does not return from `stop`.
 #[derive(Component)]
 #[component(name = "Stubborn", version = "1.0", passive)]
@@ -226,4 +291,4 @@ impl Callbacks for Stubborn {
     }
 }
 
-export_components!(Ticker, Downer, Relay, Listener, Diary, Sonar, Gauge, Stubborn);
+export_components!(Ticker, Downer, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn);

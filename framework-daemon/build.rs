@@ -1,8 +1,11 @@
 //! Exports the symbols that plugins are to see as the daemon's own (`src/sys/shield.rs`).
 
+/// Each is defined in `src/sys/shield.rs`.
+const SHIELDED: &[&str] = &["abort"];
+
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
-    for symbol in ["abort"] {
+    for symbol in SHIELDED {
         println!("cargo:rustc-link-arg-bins=-Wl,--export-dynamic-symbol={symbol}");
     }
 }

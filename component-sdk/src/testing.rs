@@ -37,7 +37,8 @@ use crate::property::Builder;
 pub struct Bench<C> {
     component: C,
     decl: ClassDecl,
-    ports: Vec<Box<RefCell<BenchPort>>>,
+    // A handle is a port's address: the slice does not move with the bench.
+    ports: Box<[RefCell<BenchPort>]>,
     now_ns: u64,
 }
 
@@ -90,8 +91,8 @@ impl<C: Callbacks> Bench<C> {
                     .map_or(p.default, |(_, text)| RStr::from_str(text))
             })
             .collect();
-        let ports: Vec<_> = decl.ports.iter().map(|port| Box::new(RefCell::new(BenchPort::new(port)))).collect();
-        let handles: Vec<_> = ports.iter().map(|port| PortHandle(std::ptr::from_ref(&**port).cast())).collect();
+        let ports: Box<[_]> = decl.ports.iter().map(|port| RefCell::new(BenchPort::new(port))).collect();
+        let handles: Vec<_> = ports.iter().map(|port| PortHandle(std::ptr::from_ref(port).cast())).collect();
         let args = CreateArgs { ports: RSlice::from_slice(&handles), properties: RSlice::from_slice(&texts) };
         let component = C::build(&mut Builder::new(&args, decl.properties.as_slice()))?;
         Ok(Self { component, decl, ports, now_ns: 1_000_000_000 })

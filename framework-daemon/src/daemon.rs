@@ -74,7 +74,8 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<(), RunError> {
     log_ring::start()?;
     trap::install();
     let journal = Journal::open(&settings.journal);
-    let journal = journal.map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
+    let journal =
+        journal.map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
     let journal: SharedJournal = Arc::new(Mutex::new(journal));
     let faults = manager::start(Arc::clone(&journal))?;
     let system = boot::boot(Arc::new(loaded.plan), &settings.plugins, faults).map_err(|error| match error {
@@ -128,7 +129,8 @@ struct Daemon<'a> {
 impl Daemon<'_> {
     fn serve(mut self, requests: &Receiver<Request>) {
         loop {
-            let alarm = self.pending.last().map_or_else(never, |next| after(next.after.saturating_sub(self.began.elapsed())));
+            let alarm =
+                self.pending.last().map_or_else(never, |next| after(next.after.saturating_sub(self.began.elapsed())));
             select! {
                 recv(requests) -> request => match request {
                     Ok(Request::Reload) => self.reload(),
@@ -154,7 +156,7 @@ impl Daemon<'_> {
         tracing::info!("reloading {}", self.settings.directory.display());
         let result = load::load(&self.settings.directory)
             .map_err(|diagnostics| diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>())
-            .and_then(|loaded| reload(&mut self.system, Arc::new(loaded.plan), &self.settings.plugins));
+            .and_then(|loaded| reload(&mut self.system, &Arc::new(loaded.plan), &self.settings.plugins));
         match result {
             Ok(changes) => {
                 tracing::info!(
@@ -164,8 +166,12 @@ impl Daemon<'_> {
                     changes.removed.join(", "),
                     changes.kept
                 );
-                note(&self.journal, "reload", &json!({"accepted": true, "added": changes.added,
-                    "changed": changes.changed, "removed": changes.removed, "kept": changes.kept}));
+                note(
+                    &self.journal,
+                    "reload",
+                    &json!({"accepted": true, "added": changes.added,
+                    "changed": changes.changed, "removed": changes.removed, "kept": changes.kept}),
+                );
             }
             Err(reasons) => {
                 reasons.iter().for_each(|reason| tracing::error!("{reason}"));
@@ -176,13 +182,18 @@ impl Daemon<'_> {
     }
 
     fn stop(self) {
-        let slots: Vec<Value> = self.system.slots.iter().map(|placed| {
-            let status = &placed.slot.status;
-            let count = |counter: &std::sync::atomic::AtomicU64| counter.load(std::sync::atomic::Ordering::Relaxed);
-            json!({"slot": placed.slot.name, "class": status.class(), "state": status.state(),
+        let slots: Vec<Value> = self
+            .system
+            .slots
+            .iter()
+            .map(|placed| {
+                let status = &placed.slot.status;
+                let count = |counter: &std::sync::atomic::AtomicU64| counter.load(std::sync::atomic::Ordering::Relaxed);
+                json!({"slot": placed.slot.name, "class": status.class(), "state": status.state(),
                 "cycles": count(&status.cycles), "missed": count(&status.missed), "faults": count(&status.faults),
                 "quarantined": count(&status.quarantined), "longest_ns": count(&status.longest_ns)})
-        }).collect();
+            })
+            .collect();
         shutdown(self.system);
         note(&self.journal, "stop", &json!({"slots": slots}));
     }

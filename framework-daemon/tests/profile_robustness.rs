@@ -208,6 +208,24 @@ fn odd_directories_are_answered() {
     assert!(load(dir.path()).is_ok(), "two names of one file are one file");
 }
 
+/// A name that is not UTF-8 is shown as well as it can be, and hides no change.
+#[test]
+fn names_that_are_not_text_are_no_obstacle() {
+    use std::os::unix::ffi::OsStrExt;
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    let odd = dir.path().join(std::ffi::OsStr::from_bytes(b"\xff"));
+    fs::create_dir(&odd).expect("a directory with an odd name");
+    write(&odd, "app.xml", GOOD.as_bytes());
+    write(&odd, "A.xml", COMPONENT.as_bytes());
+    let old = load(&odd).expect("accepted").plan;
+    assert!(serde_json::to_string(&old).is_ok());
+    write(&odd, "A.xml", COMPONENT.replace(">20<", ">10<").as_bytes());
+    assert_eq!(diff(&old, &load(&odd).expect("accepted").plan).slots_changed, ["one", "two"]);
+    write(&odd, "A.xml", b"<a>");
+    let found = load(&odd).expect_err("refused");
+    assert!(found.iter().all(|finding| serde_json::to_string(finding).is_ok()));
+}
+
 #[test]
 fn what_is_too_large_is_refused_quickly() {
     let dir = tempfile::tempdir().expect("a temporary directory");
@@ -230,6 +248,26 @@ fn many_findings_in_one_long_line_cost_little() {
     assert!(!document.accepted() && shown < 1_000_000, "{shown}");
     let last = document.findings.iter().map(|finding| finding.message.as_str()).find(|text| text.contains("not shown"));
     assert_eq!(last, Some("89000 more findings in this file are not shown"));
+}
+
+/// Each level of composites holds ten of the next: flattened, they would be more than memory holds.
+#[test]
+fn composites_cannot_multiply_without_end() {
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    for level in 0..12 {
+        let slots: String = (0..10)
+            .map(|i| format!("<subcomponent><name>x{i}</name><reference>C{}.xml</reference></subcomponent>", level + 1))
+            .collect();
+        let text = format!(
+            "<composite_component_profile><name>C{level}</name><subcomponents>{slots}</subcomponents><export_ports/>\
+             </composite_component_profile>"
+        );
+        write(dir.path(), &format!("C{level}.xml"), text.as_bytes());
+    }
+    write(dir.path(), "C12.xml", COMPONENT.as_bytes());
+    write(dir.path(), "app.xml", GOOD.replace("A.xml", "C0.xml").as_bytes());
+    let found = load(dir.path()).expect_err("too many slots");
+    assert!(found.iter().any(|finding| finding.message.contains("slots in one directory")), "{found:?}");
 }
 
 #[test]

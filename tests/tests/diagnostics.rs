@@ -55,7 +55,8 @@ fn every_doubtful_profile_is_accepted_with_its_warning() {
 
 #[test]
 fn every_broken_profile_says_a_line_and_a_column_unless_it_is_about_the_directory() {
-    for entry in std::fs::read_dir(profiles("broken")).expect("the examples exist").flatten() {
+    let entries = std::fs::read_dir(profiles("broken")).expect("the examples exist").flatten();
+    for entry in entries.filter(|entry| entry.path().is_dir()) {
         let text = std::fs::read_to_string(entry.path().join("expected.txt")).unwrap_or_default();
         let errors: Vec<&str> = text.lines().filter(|line| line.contains(": error: ")).collect();
         assert!(!errors.is_empty(), "{} expects no error", entry.path().display());

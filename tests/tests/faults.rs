@@ -42,7 +42,9 @@ fn every_symptom_is_contained_and_the_slot_recovers() {
     assert!(field(&faults, "outcome").iter().all(|outcome| *outcome == "recovered"));
     for fault in &faults {
         let times = &fault["times"];
-        let steps: Vec<_> = ["detected_ns", "decided_ns", "ready_ns", "first_callback_ns"].map(|step| times[step].as_u64().unwrap()).into();
+        let steps: Vec<_> = ["detected_ns", "decided_ns", "ready_ns", "first_callback_ns"]
+            .map(|step| times[step].as_u64().unwrap())
+            .into();
         assert!(steps.is_sorted(), "{times}");
         assert_eq!(fault["injected"], true);
     }
@@ -58,7 +60,10 @@ fn a_panic_tells_message_and_place() {
     let daemon = run(&profiles, "ticker", &["crash.panic"]);
     let fault = daemon.journal("fault", 1).remove(0);
     assert_eq!(fault["evidence"]["message"], "injected panic");
-    assert!(fault["evidence"]["file"].as_str().unwrap().ends_with("inject.rs") && fault["evidence"]["line"].as_u64() > Some(0));
+    assert!(
+        fault["evidence"]["file"].as_str().unwrap().ends_with("inject.rs")
+            && fault["evidence"]["line"].as_u64() > Some(0)
+    );
     daemon.wait_for("ticker: on_error: crash.panic: injected panic");
     daemon.wait_for("ticker: reset");
 }
@@ -104,7 +109,11 @@ fn the_secondary_takes_over_however_far_it_is_prepared() {
         )));
         let daemon = run(&profiles, "ticker", &["crash.segv"]);
         let fault = daemon.journal("fault", 1).remove(0);
-        assert_eq!((fault["successor"].as_str(), fault["outcome"].as_str()), (Some("Downer"), Some("recovered")), "{preload}");
+        assert_eq!(
+            (fault["successor"].as_str(), fault["outcome"].as_str()),
+            (Some("Downer"), Some("recovered")),
+            "{preload}"
+        );
         daemon.wait_for("from downer");
     }
 }

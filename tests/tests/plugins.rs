@@ -25,7 +25,8 @@ fn a_plugin_from_outside_runs_after_a_reload_and_a_wrong_connection_is_refused()
     std::fs::copy(&library, plugins.path().join("liboutside.so")).unwrap();
     profiles.describe(&plugins.path().join("liboutside.so"));
     profiles.replace("app.xml", "</subcomponents>", &format!("{}</subcomponents>", slot("doubler", "Doubler", "")));
-    let wires = [connection("ticker.out -> doubler.heard", ""), connection("doubler.said -> listener.heard", "")].concat();
+    let wires =
+        [connection("ticker.out -> doubler.heard", ""), connection("doubler.said -> listener.heard", "")].concat();
     profiles.replace("app.xml", "</port_connections>", &format!("{wires}</port_connections>"));
     daemon.signal("HUP");
     daemon.wait_for("doubler: doubles ");

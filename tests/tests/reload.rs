@@ -17,9 +17,14 @@ fn only_what_changed_is_touched() {
     let profiles = pair();
     let mut daemon = Running::start(profiles.path(), &[]);
     daemon.wait_for("heard 101");
-    let extra = slot("second", "Ticker", "<properties><property name=\"label\" type=\"string\">second</property></properties>");
+    let extra =
+        slot("second", "Ticker", "<properties><property name=\"label\" type=\"string\">second</property></properties>");
     profiles.replace("app.xml", "</subcomponents>", &format!("{extra}</subcomponents>"));
-    profiles.replace("app.xml", "</port_connections>", &format!("{}</port_connections>", connection("second.out -> listener.heard", "")));
+    profiles.replace(
+        "app.xml",
+        "</port_connections>",
+        &format!("{}</port_connections>", connection("second.out -> listener.heard", "")),
+    );
     daemon.signal("HUP");
     let reload = daemon.journal("reload", 1).remove(0);
     assert_eq!((reload["accepted"].as_bool(), reload["kept"].as_u64()), (Some(true), Some(3)));
@@ -73,7 +78,8 @@ fn no_broken_profile_disturbs_a_running_daemon() {
     let mut daemon = Running::start(profiles.path(), &[]);
     let good: Vec<_> = files(profiles.path());
     let broken = Path::new(env!("CARGO_MANIFEST_DIR")).join("../profiles/broken");
-    let mut kinds: Vec<_> = std::fs::read_dir(broken).unwrap().map(|entry| entry.unwrap().path()).filter(|path| path.is_dir()).collect();
+    let mut kinds: Vec<_> =
+        std::fs::read_dir(broken).unwrap().map(|entry| entry.unwrap().path()).filter(|path| path.is_dir()).collect();
     kinds.sort();
     assert!(kinds.len() >= 40, "only {} kinds", kinds.len());
     for (number, kind) in kinds.iter().enumerate() {

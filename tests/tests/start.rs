@@ -43,8 +43,7 @@ fn a_property_out_of_range_is_refused_with_its_range() {
 
 #[test]
 fn a_component_that_does_not_stop_is_left_behind() {
-    let profiles =
-        Profiles::new(&application(&[slot("stubborn", "Stubborn", ""), slot("diary", "Diary", "")], &[]));
+    let profiles = Profiles::new(&application(&[slot("stubborn", "Stubborn", ""), slot("diary", "Diary", "")], &[]));
     let mut daemon = Running::start(profiles.path(), &[]);
     daemon.stop();
     daemon.wait_for("slot stubborn: `stop` did not return");

@@ -124,8 +124,8 @@ impl<T: Callbacks> Shims<T> {
     }
 
     extern "C" fn drop(instance: *mut ()) -> CallStatus {
-        // SAFETY: as in `call`; this is the last use of the instance.
         finish(catch_unwind(AssertUnwindSafe(|| {
+            // SAFETY: as in `call`; this is the last use of the instance.
             drop(unsafe { Box::from_raw(instance.cast::<T>()) });
             Ok(())
         })))

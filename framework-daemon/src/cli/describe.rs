@@ -83,12 +83,18 @@ fn profile(class: &Class) -> String {
     let decl = &class.exported().decl;
     let library = class.plugin().file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let semantics = match decl.trigger {
-        TriggerDecl::Periodic { period_ns } => format!("<type>periodic</type>\n    <period>{}</period>", period(period_ns)),
+        TriggerDecl::Periodic { period_ns } => {
+            format!("<type>periodic</type>\n    <period>{}</period>", period(period_ns))
+        }
         TriggerDecl::Nonperiodic => "<type>non-periodic</type>".into(),
         TriggerDecl::Passive => "<type>passive</type>".into(),
     };
     let properties: String = decl.properties.iter().fold(String::new(), |mut text, property| {
-        let unit = if property.unit.is_empty() { String::new() } else { format!(" <!-- {} -->", escape(property.unit.as_str())) };
+        let unit = if property.unit.is_empty() {
+            String::new()
+        } else {
+            format!(" <!-- {} -->", escape(property.unit.as_str()))
+        };
         let (name, kind, value) = (property.name, property.kind.opros_name(), escape(property.default.as_str()));
         let _ = writeln!(text, "    <property name=\"{name}\" type=\"{kind}\">{value}</property>{unit}");
         text
@@ -142,7 +148,9 @@ fn collect<'a>(object: &'a TypeDescriptor, seen: &mut Vec<&'a TypeDescriptor>) {
     if let Some(element) = object.element() {
         collect(element, seen);
     }
-    if object.kind == Kind::Struct && seen.iter().all(|known| known.layout_hash != object.layout_hash || known.name != object.name) {
+    if object.kind == Kind::Struct
+        && seen.iter().all(|known| known.layout_hash != object.layout_hash || known.name != object.name)
+    {
         seen.push(object);
     }
 }
@@ -182,7 +190,8 @@ fn object(class: &Class) -> Value {
         TriggerDecl::Nonperiodic => json!({"type": "nonperiodic"}),
         TriggerDecl::Passive => json!({"type": "passive"}),
     };
-    let critical: Vec<Value> = decl.criticals.iter().map(|field| json!({"name": field.name.as_str(), "size": field.size})).collect();
+    let critical: Vec<Value> =
+        decl.criticals.iter().map(|field| json!({"name": field.name.as_str(), "size": field.size})).collect();
     json!({"class": class.name(), "version": decl.version.as_str(), "description": decl.description.as_str(),
         "plugin": plugin.file, "build": plugin.header.build, "build_id": plugin.image.build_id,
         "sdk_version": plugin.header.sdk_version, "trigger": trigger, "ports": ports, "properties": properties,

@@ -41,7 +41,8 @@ pub struct Arguments {
 pub fn run(arguments: Arguments, out: &mut impl Write) -> io::Result<Exit> {
     start_log();
     let Arguments { directory, plugins, journal, inject } = arguments;
-    let settings = Settings { directory, plugins, journal: journal.unwrap_or_else(default_journal), injections: inject };
+    let settings =
+        Settings { directory, plugins, journal: journal.unwrap_or_else(default_journal), injections: inject };
     let result = daemon::run(&settings, out);
     let mut err = io::stderr();
     match result {
@@ -64,7 +65,8 @@ fn start_log() {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env();
     let filter = filter.unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
     let ansi = io::IsTerminal::is_terminal(&io::stderr());
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).with_ansi(ansi).with_target(false);
+    let log =
+        tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).with_ansi(ansi).with_target(false);
     // A second start in one process (tests) keeps the first.
     let _ = log.try_init();
 }

@@ -44,7 +44,7 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
         unit.spent = true;
         return Err(fault);
     }
-    crash::of_status(status).map_or(Ok(()), |symptom| Err(told(symptom, String::new())))
+    crash::of_status(status).map_or(Ok(()), |symptom| Err(told(symptom, "")))
 }
 
 /// Runs the constructor of a class.
@@ -56,12 +56,12 @@ pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Resul
     let ended = guarded(fibers, slot, parts.stack_bytes(), &mut || built = Some(parts.build()));
     match (ended, built) {
         (Ok(()), Some(Ok(instance))) => Ok(parts.finish(instance)),
-        (Ok(()), Some(Err((status, text)))) => Err(told(crash::of_status(status).unwrap_or(Symptom::Error), text)),
+        (Ok(()), Some(Err((status, text)))) => Err(told(crash::of_status(status).unwrap_or(Symptom::Error), &text)),
         (Err(fault), _) => {
             parts.abandon();
             Err(fault)
         }
-        (Ok(()), None) => Err(told(Symptom::Error, "the constructor did not run".into())),
+        (Ok(()), None) => Err(told(Symptom::Error, "the constructor did not run")),
     }
 }
 
@@ -83,7 +83,8 @@ pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bo
 #[must_use]
 pub fn side_report() -> Option<Fault> {
     let raised = host::take_raised().map(|message| (Symptom::Raised, Evidence::Text { message }));
-    let (symptom, evidence) = raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
+    let (symptom, evidence) =
+        raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
     let now = clock::now_ns();
     Some(Fault { symptom, at_ns: now, detected_ns: now, injected: false, evidence })
 }
@@ -98,7 +99,7 @@ fn guarded(
     match fibers.run(stack_bytes, closure) {
         Ok(Ended::Returned) => Ok(()),
         Ok(Ended::Trapped(trap)) => Err(trapped(&trap)),
-        Err(error) => Err(told(Symptom::Error, format!("no stack for its fiber: {error}"))),
+        Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
     }
 }
 
@@ -114,13 +115,13 @@ fn trapped(trap: &Trap) -> Fault {
     }
 }
 
-fn told(symptom: Symptom, text: String) -> Fault {
+fn told(symptom: Symptom, text: &str) -> Fault {
     let detected_ns = clock::now_ns();
     let evidence = match host::take_panic() {
         Some(note) if symptom == Symptom::CrashPanic => {
             Evidence::Panic { message: note.message, file: note.file, line: note.line }
         }
-        _ => Evidence::Text { message: host::take_error().unwrap_or_else(|| ShortText::new(&text)) },
+        _ => Evidence::Text { message: host::take_error().unwrap_or_else(|| ShortText::new(text)) },
     };
     let injected = forget_notes();
     Fault { symptom, at_ns: injected.unwrap_or(detected_ns), detected_ns, injected: injected.is_some(), evidence }

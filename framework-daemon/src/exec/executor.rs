@@ -300,9 +300,8 @@ impl Run {
 
     fn next_due(&self) -> Option<u64> {
         let members = self.members.iter().flatten();
-        let periodic = members.filter(|member| {
-            member.state() == State::Active && matches!(member.trigger, Trigger::Periodic(_))
-        });
+        let periodic =
+            members.filter(|member| member.state() == State::Active && matches!(member.trigger, Trigger::Periodic(_)));
         periodic.map(|member| member.next_due_ns).min()
     }
 }

@@ -36,11 +36,7 @@ impl Slot {
     /// The port of that name, either way.
     #[must_use]
     pub fn end(&self, name: &str, input: bool) -> Option<PortEnd> {
-        if input {
-            self.input(name).cloned().map(PortEnd::In)
-        } else {
-            self.output(name).cloned().map(PortEnd::Out)
-        }
+        if input { self.input(name).cloned().map(PortEnd::In) } else { self.output(name).cloned().map(PortEnd::Out) }
     }
 }
 

@@ -153,7 +153,10 @@ impl Unit {
     pub fn quarantine(self) {
         QUARANTINED.fetch_add(1, Ordering::Relaxed);
         close(&self.bindings);
-        #[allow(clippy::mem_forget, reason = "a quarantined instance is never dropped: its memory may be half-changed")]
+        #[allow(
+            clippy::mem_forget,
+            reason = "a quarantined instance is never dropped: its memory may be half-changed"
+        )]
         std::mem::forget(self);
     }
 

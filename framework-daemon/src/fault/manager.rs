@@ -39,7 +39,10 @@ fn tell(event: &FaultEvent) {
         Outcome::Recovered => {
             let took = event.times.first_callback_ns.unwrap_or_default() as f64 / 1e3;
             let successor = event.successor.unwrap_or_default();
-            tracing::warn!("slot {slot} ({class}): {symptom}: {message}; {} -> {successor} works again after {took:.1} us", action(event));
+            tracing::warn!(
+                "slot {slot} ({class}): {symptom}: {message}; {} -> {successor} works again after {took:.1} us",
+                action(event)
+            );
         }
         Outcome::Stopped => tracing::error!("slot {slot} ({class}): {symptom}: {message}; the slot is stopped"),
         Outcome::Ignored => tracing::info!("slot {slot} ({class}): {symptom}: {message}; ignored, as its rules say"),

@@ -28,6 +28,12 @@ pub const EXCERPT_CHARS: usize = 160;
 
 /// Most slots of a plan, composites flattened.
 pub const SLOTS: usize = 10_000;
+/// Most composites of a plan, each counted as often as it is used.
+pub const COMPOSITES: usize = 10_000;
+/// Most ports of one component.
+pub const PORTS: usize = 1_024;
+/// Most properties of all slots together.
+pub const PROPERTIES: usize = 1_000_000;
 /// Most connections of a plan, fan-out counted.
 pub const CONNECTIONS: usize = 100_000;
 /// Most declared executors.

@@ -39,8 +39,8 @@ pub fn check_fixed(view: &HeaderView) -> Result<(), String> {
     if view.magic != MAGIC {
         return Err("its entry symbol is no plugin header: use `export_components!` of component-sdk".into());
     }
-    same("ABI version", ABI_VERSION, view.abi_version)?;
-    same("size of the header", size_of::<PluginHeader>() as u32, view.header_size)
+    same("ABI version", &ABI_VERSION, &view.abi_version)?;
+    same("size of the header", &(size_of::<PluginHeader>() as u32), &view.header_size)
 }
 
 /// Second half.
@@ -55,13 +55,13 @@ pub fn check_rest(view: &HeaderView) -> Result<(), String> {
                 .into(),
         );
     }
-    same("size of the host table", size_of::<HostApi>() as u32, view.host_size)?;
-    same("size of a class", size_of::<ComponentClass>() as u32, view.class_size)?;
-    same("size of a type descriptor", size_of::<TypeDescriptor>() as u32, view.descriptor_size)?;
+    same("size of the host table", &(size_of::<HostApi>() as u32), &view.host_size)?;
+    same("size of a class", &(size_of::<ComponentClass>() as u32), &view.class_size)?;
+    same("size of a type descriptor", &(size_of::<TypeDescriptor>() as u32), &view.descriptor_size)?;
     same("layout checker", CHECKER, view.checker.as_str())
 }
 
-fn same<T: PartialEq + std::fmt::Display>(what: &str, daemon: T, plugin: T) -> Result<(), String> {
+fn same<T: PartialEq + std::fmt::Display + ?Sized>(what: &str, daemon: &T, plugin: &T) -> Result<(), String> {
     if daemon == plugin {
         return Ok(());
     }

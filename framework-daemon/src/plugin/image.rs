@@ -30,7 +30,7 @@ pub fn read(bytes: &[u8]) -> Result<Image, String> {
     }
     let symbol = file
         .dynamic_symbols()
-        .filter(|symbol| symbol.is_definition())
+        .filter(ObjectSymbol::is_definition)
         .filter_map(|symbol| symbol.name().ok())
         .find(|name| name.starts_with(SYMBOL_PREFIX))
         .ok_or_else(|| {

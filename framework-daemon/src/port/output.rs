@@ -129,6 +129,7 @@ impl Blocks {
         if let Some(index) = self.on_loan.take() {
             let lost = std::mem::replace(&mut self.all[index], Arc::new(Block::new(object)));
             // Neither read nor dropped: its contents may be half an object. Counted with its instance.
+            #[allow(clippy::mem_forget, reason = "what a trapped callback left half-written is never dropped")]
             std::mem::forget(lost);
         }
     }

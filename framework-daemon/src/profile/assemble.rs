@@ -8,17 +8,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::application::{Assembly, Subcomponent};
-use super::component::ComponentProfile;
 use super::diagnostic::{Diagnostic, Level};
 use super::document::{Document, Profile};
 use super::files::{self, Files};
-use super::plan::{
-    ComponentPlan, ConnectionPlan, ExecutorPlan, FaultRules, Location, PortKind, PortRef, Property, SecondaryPlan,
-    SlotPlan, Trigger,
-};
+use super::plan::{ConnectionPlan, ExecutorPlan, PortKind, PortRef, SlotPlan};
 use super::source::{Spot, Word};
-use super::suggest;
-use super::wire::{Port, describe, ports_of};
+use super::wire::Port;
 use crate::model::limits;
 
 /// What a name in an assembly stands for.
@@ -66,10 +61,16 @@ pub struct Assembler {
     /// Required services that have their provider.
     pub(super) called: HashSet<PortRef>,
     /// Where each slot was declared first.
-    declared: HashMap<String, Spot>,
+    pub(super) declared: HashMap<String, Spot>,
+    /// True where a limit of the whole plan was met: ten composites of ten composites of ... would never end.
+    pub(super) exhausted: bool,
+    /// How many composites are placed.
+    composites: usize,
+    /// How many properties all slots have.
+    pub(super) properties: usize,
     /// True where references are not followed.
     alone: bool,
-    application: String,
+    pub(super) application: String,
     /// Composites that are being flattened, outermost first.
     open: Vec<(usize, String)>,
 }
@@ -121,6 +122,9 @@ impl Assembler {
     }
 
     fn subcomponent(&mut self, files: &mut Files, from: &Path, slot: &Subcomponent, prefix: &str) -> Placed {
+        if self.exhausted {
+            return Placed::Broken;
+        }
         let Some((index, document)) = self.follow(files, from, &slot.reference) else { return Placed::Broken };
         match &document.profile {
             Some(Profile::Component(component)) => self.slot(files, from, slot, component, prefix),
@@ -135,7 +139,13 @@ impl Assembler {
         }
     }
 
-    fn follow(&mut self, files: &mut Files, from: &Path, reference: &Word) -> Option<(usize, Arc<Document>)> {
+    /// The document that a reference means.
+    pub(super) fn follow(
+        &mut self,
+        files: &mut Files,
+        from: &Path,
+        reference: &Word,
+    ) -> Option<(usize, Arc<Document>)> {
         if self.alone {
             return None;
         }
@@ -175,11 +185,22 @@ impl Assembler {
             self.error(&slot.reference.spot, message, "flatten some of them");
             return Placed::Broken;
         }
+        self.composites += 1;
+        if self.composites > limits::COMPOSITES {
+            return self.exhaust(slot, &format!("more than {} composites", limits::COMPOSITES));
+        }
         self.warn_of_ignored_rules(slot);
         self.open.push((index, inner.name.text.clone()));
         let (exports, slots) = self.place(files, document, inner, &format!("{prefix}{}.", slot.name.text));
         self.open.pop();
         Placed::Composite(exports, slots)
+    }
+
+    /// Reports a limit of the whole plan, once.
+    pub(super) fn exhaust(&mut self, slot: &Subcomponent, message: &str) -> Placed {
+        self.exhausted = true;
+        self.error(&slot.name.spot, format!("{message} in one directory"), "split the system into several directories");
+        Placed::Broken
     }
 
     /// A composite is no slot: what only a slot can have would be lost without a word.
@@ -193,155 +214,6 @@ impl Assembler {
         }
         if let Some(property) = slot.properties.first() {
             self.error(&property.spot, "properties of a composite are not possible", WAY_OUT);
-        }
-    }
-
-    fn slot(
-        &mut self,
-        files: &mut Files,
-        from: &Path,
-        slot: &Subcomponent,
-        component: &ComponentProfile,
-        prefix: &str,
-    ) -> Placed {
-        let name = format!("{prefix}{}", slot.name.text);
-        if self.slots.len() >= limits::SLOTS {
-            self.error(&slot.name.spot, format!("more than {} slots", limits::SLOTS), "split the system");
-            return Placed::Broken;
-        }
-        if let Some(first) = self.declared.get(&name) {
-            let Location { file, line, .. } = first.location();
-            let message = format!("slot \"{name}\" is already declared in {}:{line}", file.display());
-            self.error(&slot.name.spot, message, "slots of all applications share one space of names: rename one");
-            return Placed::Broken;
-        }
-        self.declared.insert(name.clone(), slot.name.spot.clone());
-        if component.incomplete {
-            self.incomplete.insert(name.clone());
-        }
-        let component_plan = self.with_period(slot, component);
-        let rules = self.rules(files, from, slot, &component_plan, component.incomplete);
-        let plan = SlotPlan {
-            application: self.application.clone(),
-            properties: self.properties(slot, &component_plan),
-            component: component_plan,
-            executor: slot.executor.as_ref().map(|executor| executor.text.clone()),
-            node: Some(slot.node.text.clone()).filter(|node| !node.is_empty()),
-            rules,
-            location: slot.name.spot.location(),
-            name,
-        };
-        self.slots.push(plan);
-        Placed::Slot(self.slots.len() - 1)
-    }
-
-    /// The component, with its executor's period where it states none of its own.
-    fn with_period(&mut self, slot: &Subcomponent, component: &ComponentProfile) -> Arc<ComponentPlan> {
-        self.used.insert(component.plan.location.file.to_path_buf());
-        let executor = self.executor_of(slot);
-        let Some(missing) = &component.missing_period else { return Arc::clone(&component.plan) };
-        let Some(period) = executor.and_then(|executor| executor.period) else {
-            self.findings.push((**missing).clone());
-            return Arc::clone(&component.plan);
-        };
-        let mut plan = (*component.plan).clone();
-        plan.execution.trigger = Trigger::Periodic(period);
-        Arc::new(plan)
-    }
-
-    fn executor_of(&mut self, slot: &Subcomponent) -> Option<ExecutorPlan> {
-        let name = slot.executor.as_ref()?;
-        let found = self.executors.iter().find(|executor| executor.name == name.text).cloned();
-        if found.is_none() {
-            let names: Vec<&str> = self.executors.iter().map(|executor| executor.name.as_str()).collect();
-            let hint = suggest::hint(&name.text, &names, str::to_owned)
-                .unwrap_or_else(|| "declare it in the system_profile: <executor name=\"...\"/>".to_owned());
-            let message = format!("executor \"{}\" is not declared", name.text);
-            self.error(&name.spot, message, &hint);
-        }
-        found
-    }
-
-    fn properties(&mut self, slot: &Subcomponent, component: &ComponentPlan) -> Vec<Property> {
-        let mut all = component.properties.clone();
-        for given in &slot.properties {
-            match all.iter_mut().find(|property| property.name == given.property.name) {
-                Some(property) => {
-                    if given.property.type_name.is_empty() {
-                        property.value.clone_from(&given.property.value);
-                    } else {
-                        *property = given.property.clone();
-                    }
-                }
-                None => {
-                    let names: Vec<&str> = component.properties.iter().map(|property| property.name.as_str()).collect();
-                    let hint = suggest::hint(&given.property.name, &names, str::to_owned)
-                        .unwrap_or_else(|| format!("{} declares no properties", component.name));
-                    let message = format!("{} has no property \"{}\"", component.name, given.property.name);
-                    self.error(&given.spot, message, &hint);
-                }
-            }
-        }
-        all
-    }
-
-    fn rules(
-        &mut self,
-        files: &mut Files,
-        from: &Path,
-        slot: &Subcomponent,
-        primary: &ComponentPlan,
-        primary_incomplete: bool,
-    ) -> FaultRules {
-        let Some(declared) = &slot.fault_tolerance else { return FaultRules::default() };
-        let mut rules = declared.rules.clone();
-        for secondary in &declared.references {
-            let Some((_, document)) = self.follow(files, from, &secondary.reference) else { continue };
-            let Some(Profile::Component(component)) = &document.profile else {
-                if document.profile.is_some() {
-                    let message = format!("{} is a <{}>", document.path.display(), document.root);
-                    self.error(&secondary.reference.spot, message, "a secondary is a <component_profile>");
-                }
-                continue;
-            };
-            if !primary_incomplete && !component.incomplete {
-                self.compare_ports(primary, &component.plan, &secondary.reference.spot);
-            }
-            let component = self.with_period(slot, component);
-            let location = secondary.reference.spot.location();
-            rules.secondaries.push(SecondaryPlan { component, preload: secondary.preload, location });
-        }
-        rules
-    }
-
-    /// A secondary takes over the slot's ports as they are wired.
-    fn compare_ports(&mut self, primary: &ComponentPlan, secondary: &ComponentPlan, spot: &Spot) {
-        if primary.name == secondary.name {
-            let message = format!("the secondary is the same class as the primary, {}", primary.name);
-            self.warning(spot, message, "the same fault will hit it again; a recovery block needs another algorithm");
-            return;
-        }
-        let (ours, theirs) = (ports_of("", primary), ports_of("", secondary));
-        let same = |a: &Port, b: &Port| a.name == b.name && a.kind == b.kind && a.is_source == b.is_source;
-        let lacks = |have: &[Port], want: &[Port]| -> Vec<String> {
-            want.iter().filter(|port| !have.iter().any(|other| same(port, other))).map(describe).collect()
-        };
-        let (missing, extra) = (lacks(&theirs, &ours), lacks(&ours, &theirs));
-        for (what, ports) in [("lacks", missing), ("has besides", extra)] {
-            if !ports.is_empty() {
-                let message = format!("{} {what} {}", secondary.name, ports.join(", "));
-                let hint = format!("a secondary needs the same ports as its primary, {}", primary.name);
-                self.error(spot, message, &hint);
-            }
-        }
-        for port in &ours {
-            if let Some(other) = theirs.iter().find(|other| same(port, other) && other.type_name != port.type_name) {
-                let message = format!(
-                    "port \"{}\" is of type {} in {}, of type {} in {}",
-                    port.name, port.type_name, primary.name, other.type_name, secondary.name
-                );
-                self.warning(spot, message, "the layouts of both are compared when the plugins are loaded");
-            }
         }
     }
 

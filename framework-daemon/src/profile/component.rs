@@ -60,7 +60,7 @@ pub fn read(root: &Element, report: &mut Reporter) -> ComponentProfile {
     let semantics = root.child("execution_semantics").cloned().unwrap_or_default();
     let mut missing_period = None;
     let execution = execution(&semantics, &mut missing_period, report);
-    check_unique(root, report);
+    check_ports(root, report);
     note_state_machine(root, report);
     let plan = ComponentPlan {
         name: root.text_of("name").to_owned(),
@@ -234,22 +234,31 @@ pub fn properties(parent: &Element, report: &mut Reporter) -> Vec<Property> {
 
 /// A warning only: the component reads the text itself, and ten shipped profiles say `True` for an `int`.
 fn check_property_type(element: &Element, property: &Property, report: &mut Reporter) {
-    let (text, lower) = (property.value.as_str(), property.value.to_ascii_lowercase());
-    let fits = match property.type_name.as_str() {
-        _ if text.is_empty() => true,
-        "int" | "long" | "short" | "int32_t" | "int64_t" => text.parse::<i64>().is_ok(),
-        "unsigned int" | "unsigned long" | "unsigned" | "uint32_t" | "uint64_t" => text.parse::<u64>().is_ok(),
-        "double" | "float" => quantity::number(text).is_ok(),
-        "bool" => matches!(lower.as_str(), "true" | "false" | "0" | "1"),
-        _ => true,
-    };
-    if !fits {
-        let message = format!("property \"{}\": \"{text}\" is not of type {}", property.name, property.type_name);
+    if !fits(&property.type_name, &property.value) {
+        let Property { name, type_name, value } = property;
+        let message = format!("property \"{name}\": \"{value}\" is not of type {type_name}");
         report.warning(element.text_span, message).hint = Some("the component gets the text as it is".to_owned());
     }
 }
 
-fn check_unique(root: &Element, report: &mut Reporter) {
+/// True where a text is of a type, or nobody can tell.
+#[must_use]
+pub fn fits(type_name: &str, text: &str) -> bool {
+    match type_name {
+        _ if text.is_empty() => true,
+        "int" | "long" | "short" | "int32_t" | "int64_t" => text.parse::<i64>().is_ok(),
+        "unsigned int" | "unsigned long" | "unsigned" | "uint32_t" | "uint64_t" => text.parse::<u64>().is_ok(),
+        "double" | "float" => quantity::number(text).is_ok(),
+        "bool" => ["true", "false", "0", "1"].iter().any(|word| text.eq_ignore_ascii_case(word)),
+        _ => true,
+    }
+}
+
+fn check_ports(root: &Element, report: &mut Reporter) {
+    let count: usize = root.children_of("ports").map(|ports| ports.children.len()).sum();
+    if count > limits::PORTS {
+        report.error(root.name_span, format!("{count} ports; {} is the most", limits::PORTS));
+    }
     let mut seen: HashMap<&str, &Element> = HashMap::new();
     for port in root.children_of("ports").flat_map(|ports| &ports.children) {
         let Some(name) = port.child("name").filter(|name| !name.text.is_empty()) else { continue };

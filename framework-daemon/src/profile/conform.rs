@@ -111,7 +111,8 @@ fn find_child(child: &mut Element, rule: &'static ElementRule, report: &mut Repo
         return Some(index);
     }
     let message = format!("unknown element <{}> in <{}>", child.name, rule.name);
-    report.error(child.name_span, message).hint = unknown_child_hint(&child.name, rule);
+    let hint = if report.is_full() { None } else { unknown_child_hint(&child.name, rule) };
+    report.error(child.name_span, message).hint = hint;
     None
 }
 

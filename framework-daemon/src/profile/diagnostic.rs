@@ -130,7 +130,7 @@ impl Serialize for Diagnostic {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         json!({
             "level": self.level,
-            "file": &*self.location.file,
+            "file": self.location.file.to_string_lossy(),
             "line": self.location.line,
             "column": self.location.column,
             "width": self.excerpt.width,
@@ -222,6 +222,12 @@ impl Reporter {
     #[must_use]
     pub fn location(&self, span: Span) -> Location {
         self.source.location(span)
+    }
+
+    /// True where a further finding is only counted: nobody will read its hint.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        self.findings.len() >= limits::DIAGNOSTICS
     }
 
     /// All findings.

@@ -44,6 +44,9 @@ pub mod files;
 /// Slots and connections: references followed, composites flattened.
 pub mod assemble;
 
+/// A slot: what fills it, its properties, its secondaries.
+pub mod fill;
+
 /// Connections: both ends resolved and checked.
 pub mod wire;
 

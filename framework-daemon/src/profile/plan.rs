@@ -2,11 +2,12 @@
 //!
 //! Everything to the right of `profile` works from these types and never sees XML.
 
+use std::borrow::Borrow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 pub use crate::model::schedule::{Policy, Schedule};
 use crate::model::symptom::SeverityTable;
@@ -15,6 +16,7 @@ use crate::model::symptom::SeverityTable;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Default)]
 pub struct Location {
     /// The profile file, as it was named on the command line or by a reference.
+    #[serde(serialize_with = "shown")]
     pub file: Arc<PathBuf>,
     /// Line, from 1.
     pub line: u32,
@@ -22,10 +24,20 @@ pub struct Location {
     pub column: u32,
 }
 
+/// A path as it is shown: serde refuses paths that are not UTF-8, and such a name must not make a plan unprintable.
+fn shown<S: Serializer>(path: &impl Borrow<PathBuf>, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&path.borrow().to_string_lossy())
+}
+
+fn all_shown<S: Serializer>(paths: &[PathBuf], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(paths.iter().map(|path| path.to_string_lossy()))
+}
+
 /// A whole profile directory, checked.
 #[derive(Clone, Debug, Serialize)]
 pub struct Plan {
     /// The directory that was loaded.
+    #[serde(serialize_with = "shown")]
     pub root: PathBuf,
     /// Executors, plugin directories: `system_profile`, or its defaults.
     pub system: SystemPlan,
@@ -53,6 +65,7 @@ pub struct SystemPlan {
     /// Name of the system; empty without a `system_profile`.
     pub name: String,
     /// Directories searched for plugins, absolute or relative to the profile's file, already joined.
+    #[serde(serialize_with = "all_shown")]
     pub plugin_dirs: Vec<PathBuf>,
     /// Declared executors. A slot without one gets its own.
     pub executors: Vec<ExecutorPlan>,
@@ -475,6 +488,8 @@ pub struct Intensity {
 pub struct SecondaryPlan {
     /// Its class.
     pub component: Arc<ComponentPlan>,
+    /// Its property values: its own profile's, overridden by the slot's where it declares them too.
+    pub properties: Vec<Property>,
     /// How far it is prepared.
     pub preload: Preload,
     /// Where it was declared.

@@ -222,6 +222,10 @@ impl Source {
     }
 }
 
+fn shortened(label: &str) -> String {
+    label.chars().take(limits::NAME_CHARS).collect()
+}
+
 /// Bytes that begin a character of UTF-8.
 fn count_characters(bytes: &[u8]) -> usize {
     bytes.iter().filter(|byte| **byte & 0xc0 != 0x80).count()
@@ -261,20 +265,24 @@ fn find_encoding(bytes: &[u8]) -> Result<(&'static Encoding, usize), String> {
     let encoding = match label.to_ascii_lowercase().as_str() {
         // Names of the same Korean code page that the web's list does not have.
         "cp949" | "ms949" | "uhc" | "x-windows-949" => Some(EUC_KR),
-        _ => Encoding::for_label(label.as_bytes()),
+        // Some labels of the web's list mean that nothing can be decoded.
+        _ => Encoding::for_label_no_replacement(label.as_bytes()),
     };
     match encoding {
         Some(found) if found == UTF_16LE || found == UTF_16BE => {
-            Err(format!("declares encoding \"{label}\", but its first bytes are not UTF-16"))
+            Err(format!("declares encoding \"{}\", but its first bytes are not UTF-16", shortened(&label)))
         }
         Some(found) => Ok((found, 0)),
-        None => Err(format!("declares encoding \"{label}\", which nobody knows")),
+        None => Err(format!("declares encoding \"{}\", which cannot be read", shortened(&label))),
     }
 }
 
+/// Where an XML declaration must have ended.
+const DECLARATION_BYTES: usize = 16 << 10;
+
 /// The pseudo-attribute `encoding` of `<?xml ... ?>`, which by rule is ASCII.
 fn declared_encoding(bytes: &[u8]) -> Option<String> {
-    let head = bytes.get(..bytes.len().min(256))?;
+    let head = bytes.get(..bytes.len().min(DECLARATION_BYTES))?;
     let text: String = head.iter().map(|byte| char::from(*byte)).collect();
     let declaration = text.strip_prefix("<?xml")?.split_once("?>")?.0.to_owned();
     let after = declaration.split_once("encoding")?.1.trim_start().strip_prefix('=')?.trim_start();

@@ -5,7 +5,9 @@
 use super::application::{Assembly, Connection, End};
 use super::assemble::{Assembler, Placed, Scope};
 use super::composite::Export;
-use super::plan::{ComponentPlan, ConnectionPlan, PortKind, PortRef, Usage};
+use super::plan::{
+    ComponentPlan, ConnectionPlan, DataPortPlan, EventPortPlan, PortKind, PortRef, ServicePortPlan, Usage,
+};
 use super::source::Word;
 use super::suggest;
 use crate::model::limits;
@@ -28,6 +30,9 @@ pub struct Port {
 impl Assembler {
     /// Resolves and checks one connection.
     pub(super) fn connection(&mut self, connection: &Connection, scope: &Scope) {
+        if self.exhausted || self.findings.len() > limits::DIAGNOSTICS {
+            return;
+        }
         let kind = connection.kind;
         let sources = self.ends(&connection.source, kind, scope);
         let targets = self.ends(&connection.target, kind, scope);
@@ -63,9 +68,13 @@ impl Assembler {
     }
 
     fn connect(&mut self, connection: &Connection, source: &Port, target: &Port) {
+        if self.exhausted {
+            return;
+        }
         if self.connections.len() >= limits::CONNECTIONS {
-            let message = format!("more than {} connections", limits::CONNECTIONS);
-            return self.error(&connection.spot, message, "split the system");
+            self.exhausted = true;
+            let message = format!("more than {} connections in one directory", limits::CONNECTIONS);
+            return self.error(&connection.spot, message, "split the system into several directories");
         }
         let plan = ConnectionPlan {
             kind: connection.kind,
@@ -103,29 +112,38 @@ impl Assembler {
 
     /// The ports that one end of a connection means: several where a composite fans an input out.
     fn ends(&mut self, end: &End, kind: PortKind, scope: &Scope) -> Option<Vec<Port>> {
-        let mut incomplete = false;
-        let ports = match scope.get(&end.component.text) {
+        let (found, incomplete) = match scope.get(&end.component.text) {
             Some(Placed::Slot(index)) => {
                 let slot = self.slots.get(*index)?;
-                incomplete = self.incomplete.contains(&slot.name);
-                ports_of(&slot.name, &slot.component)
+                let port = port_named(&slot.name, &slot.component, kind, &end.port.text);
+                (Vec::from_iter(port), self.incomplete.contains(&slot.name))
             }
-            Some(Placed::Composite(ports, _)) => ports.clone(),
+            Some(Placed::Composite(ports, _)) => {
+                let named = |port: &&Port| port.name == end.port.text && port.kind == kind;
+                (ports.iter().filter(named).cloned().collect(), false)
+            }
             Some(Placed::Broken) => return None,
             None => {
                 self.unknown_slot(&end.component, scope);
                 return None;
             }
         };
-        let found: Vec<Port> =
-            ports.iter().filter(|port| port.name == end.port.text && port.kind == kind).cloned().collect();
-        if found.is_empty() {
-            if !incomplete {
-                self.unknown_port(end, kind, &ports);
-            }
-            return None;
+        if found.is_empty() && !incomplete {
+            let ports = self.visible_ports(&end.component, scope);
+            self.unknown_port(end, kind, &ports);
         }
-        Some(found)
+        (!found.is_empty()).then_some(found)
+    }
+
+    /// Every port that a connection can name at `component`.
+    fn visible_ports(&self, component: &Word, scope: &Scope) -> Vec<Port> {
+        match scope.get(&component.text) {
+            Some(Placed::Slot(index)) => {
+                self.slots.get(*index).map_or_else(Vec::new, |slot| ports_of(&slot.name, &slot.component))
+            }
+            Some(Placed::Composite(ports, _)) => ports.clone(),
+            Some(Placed::Broken) | None => Vec::new(),
+        }
     }
 
     fn unknown_port(&mut self, end: &End, kind: PortKind, ports: &[Port]) {
@@ -152,12 +170,19 @@ impl Assembler {
     /// The ports of a composite that show outside.
     pub(super) fn exports(&mut self, assembly: &Assembly, scope: &Scope) -> Vec<Port> {
         let mut all: Vec<Port> = Vec::new();
-        for export in &assembly.exports {
+        if let Some(beyond) = assembly.exports.get(limits::PORTS) {
+            self.error(&beyond.name.spot, format!("more than {} exported ports", limits::PORTS), "split the composite");
+        }
+        for export in assembly.exports.iter().take(limits::PORTS) {
             for port in self.exported_ports(export, scope) {
-                let clash = all.iter().find(|other| other.name == export.name.text);
-                if let Some(other) = clash
-                    && (port.is_source || other.is_source || other.kind != port.kind || port.kind == PortKind::Service)
-                {
+                let clashes = |other: &Port| {
+                    other.name == export.name.text
+                        && (port.is_source
+                            || other.kind != port.kind
+                            || port.kind == PortKind::Service
+                            || other.end == port.end)
+                };
+                if all.iter().any(clashes) {
                     let message = format!("\"{}\" is already exported", export.name.text);
                     self.error(&export.name.spot, message, "only inputs of data and events may share an exported name");
                     continue;
@@ -185,11 +210,7 @@ impl Assembler {
     }
 
     fn kind_of(&self, end: &End, scope: &Scope) -> Option<PortKind> {
-        let ports = match scope.get(&end.component.text)? {
-            Placed::Slot(index) => ports_of("", &self.slots.get(*index)?.component),
-            Placed::Composite(ports, _) => ports.clone(),
-            Placed::Broken => return None,
-        };
+        let ports = self.visible_ports(&end.component, scope);
         ports.iter().find(|port| port.name == end.port.text).map(|port| port.kind)
     }
 }
@@ -197,20 +218,40 @@ impl Assembler {
 /// Every port of a component in the slot of that name.
 #[must_use]
 pub fn ports_of(slot: &str, component: &ComponentPlan) -> Vec<Port> {
-    let port = |name: &str, kind, is_source, type_name: &str| Port {
-        name: name.to_owned(),
-        kind,
-        is_source,
-        type_name: type_name.to_owned(),
-        end: PortRef { slot: slot.to_owned(), port: name.to_owned() },
-    };
-    let data = component.data_ports.iter();
-    let events = component.event_ports.iter();
-    let services = component.service_ports.iter();
-    data.map(|p| port(&p.name, PortKind::Data, p.usage == Usage::Output, &p.data_type))
-        .chain(events.map(|p| port(&p.name, PortKind::Event, p.usage == Usage::Output, &p.data_type)))
-        .chain(services.map(|p| port(&p.name, PortKind::Service, !p.provided, &p.type_name)))
-        .collect()
+    let data = component.data_ports.iter().map(|port| data_port(slot, port));
+    let events = component.event_ports.iter().map(|port| event_port(slot, port));
+    let services = component.service_ports.iter().map(|port| service_port(slot, port));
+    data.chain(events).chain(services).collect()
+}
+
+/// One port, without making all the others.
+fn port_named(slot: &str, component: &ComponentPlan, kind: PortKind, name: &str) -> Option<Port> {
+    match kind {
+        PortKind::Data => component.data_ports.iter().find(|port| port.name == name).map(|port| data_port(slot, port)),
+        PortKind::Event => {
+            component.event_ports.iter().find(|port| port.name == name).map(|port| event_port(slot, port))
+        }
+        PortKind::Service => {
+            component.service_ports.iter().find(|port| port.name == name).map(|port| service_port(slot, port))
+        }
+    }
+}
+
+fn data_port(slot: &str, port: &DataPortPlan) -> Port {
+    make_port(slot, &port.name, PortKind::Data, port.usage == Usage::Output, &port.data_type)
+}
+
+fn event_port(slot: &str, port: &EventPortPlan) -> Port {
+    make_port(slot, &port.name, PortKind::Event, port.usage == Usage::Output, &port.data_type)
+}
+
+fn service_port(slot: &str, port: &ServicePortPlan) -> Port {
+    make_port(slot, &port.name, PortKind::Service, !port.provided, &port.type_name)
+}
+
+fn make_port(slot: &str, name: &str, kind: PortKind, is_source: bool, type_name: &str) -> Port {
+    let end = PortRef { slot: slot.to_owned(), port: name.to_owned() };
+    Port { name: name.to_owned(), kind, is_source, type_name: type_name.to_owned(), end }
 }
 
 /// A port in words.

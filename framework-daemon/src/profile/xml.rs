@@ -197,7 +197,11 @@ impl<'a> Builder<'a> {
             }
             return;
         };
-        if element.text.trim().is_empty() && !text.trim().is_empty() {
+        // Blanks before the first text are left out, so that an empty text says at once that there was none.
+        if element.text.is_empty() {
+            if text.trim().is_empty() {
+                return;
+            }
             element.text_span = span;
         }
         if element.text.len() + text.len() <= limits::PROFILE_TEXT_BYTES {

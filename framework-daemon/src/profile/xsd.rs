@@ -28,8 +28,19 @@ const HEAD: &str = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
 #[must_use]
 pub fn schema(roots: &[&ElementRule]) -> String {
     let mut writer = Writer::default();
-    for root in roots {
-        writer.element(root, "", 1);
+    match roots {
+        [root] => writer.element(root, "", 1),
+        // Several names of one thing share one type.
+        [first, ..] => {
+            let shared = format!("{}_type", first.name);
+            writer.complex_type(first, &format!(" name=\"{shared}\""), 1);
+            for root in roots {
+                writer.line(1, &format!("<xs:element name=\"{}\" type=\"{shared}\">", root.name));
+                writer.about(root, 2);
+                writer.line(1, "</xs:element>");
+            }
+        }
+        [] => {}
     }
     let define =
         |(name, body): &(String, String)| format!("  <xs:simpleType name=\"{name}\">\n{body}  </xs:simpleType>\n");
@@ -61,7 +72,7 @@ impl Writer {
         }
         self.line(depth, &format!("<xs:element name=\"{name}\"{occurs}>"));
         self.about(rule, depth + 1);
-        self.complex_type(rule, depth + 1);
+        self.complex_type(rule, "", depth + 1);
         self.line(depth, "</xs:element>");
     }
 
@@ -76,23 +87,23 @@ impl Writer {
         self.line(depth, &format!("<xs:annotation><xs:documentation>{text}</xs:documentation></xs:annotation>"));
     }
 
-    fn complex_type(&mut self, rule: &ElementRule, depth: usize) {
+    fn complex_type(&mut self, rule: &ElementRule, named: &str, depth: usize) {
         match rule.content {
             Content::Noise => {
-                self.line(depth, "<xs:complexType mixed=\"true\">");
+                self.line(depth, &format!("<xs:complexType{named} mixed=\"true\">"));
                 self.line(depth + 1, "<xs:sequence>");
                 self.line(depth + 2, "<xs:any processContents=\"skip\" minOccurs=\"0\" maxOccurs=\"unbounded\"/>");
                 self.line(depth + 1, "</xs:sequence>");
                 self.line(depth + 1, "<xs:anyAttribute processContents=\"skip\"/>");
             }
             Content::Elements => {
-                self.line(depth, "<xs:complexType>");
+                self.line(depth, &format!("<xs:complexType{named}>"));
                 self.children(rule, depth + 1);
                 self.attributes(rule.attributes, rule.name, depth + 1);
             }
             Content::Text(kind) | Content::Value(kind) => {
                 let base = self.simple_type(kind, matches!(rule.content, Content::Text(_)), rule.name);
-                self.line(depth, "<xs:complexType>");
+                self.line(depth, &format!("<xs:complexType{named}>"));
                 self.line(depth + 1, "<xs:simpleContent>");
                 self.line(depth + 2, &format!("<xs:extension base=\"{base}\">"));
                 self.attributes(rule.attributes, rule.name, depth + 3);

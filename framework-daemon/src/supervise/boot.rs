@@ -24,7 +24,8 @@ use crate::port::check::Checks;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
 use crate::profile::plan::{
-    ComponentPlan, ConnectionPlan, DataPortPlan, Overflow, Plan, Preload, Property, Queue, SecondaryPlan, SlotPlan, Trigger,
+    ComponentPlan, ConnectionPlan, DataPortPlan, Overflow, Plan, Preload, Property, Queue, SecondaryPlan, SlotPlan,
+    Trigger,
 };
 
 /// Why a system could not be brought up, one text for each thing that is wrong.
@@ -156,12 +157,14 @@ fn standby(
 fn same_ports(primary: &Class, secondary: &Class) -> Result<(), String> {
     for port in secondary.exported().decl.ports.iter() {
         let twin = primary.exported().decl.ports.iter().find(|twin| twin.name == port.name);
-        let fits = twin.is_some_and(|twin| {
-            twin.direction == port.direction && twin.object.layout_hash == port.object.layout_hash
-        });
+        let fits = twin
+            .is_some_and(|twin| twin.direction == port.direction && twin.object.layout_hash == port.object.layout_hash);
         if !fits {
             let (own, name) = (secondary.name(), port.name);
-            return Err(format!("secondary {own}: its port `{name}` is not one of {} with the same object", primary.name()));
+            return Err(format!(
+                "secondary {own}: its port `{name}` is not one of {} with the same object",
+                primary.name()
+            ));
         }
     }
     Ok(())
@@ -227,7 +230,8 @@ fn executor_for(system: &mut System, plan: &SlotPlan) -> Result<Arc<Executor>, S
         return Ok(Arc::clone(executor));
     }
     let declared = system.plan.system.executors.iter().find(|executor| Some(&executor.name) == plan.executor.as_ref());
-    let schedule: Schedule = declared.map_or_else(|| plan.component.execution.schedule.clone(), |plan| plan.schedule.clone());
+    let schedule: Schedule =
+        declared.map_or_else(|| plan.component.execution.schedule.clone(), |plan| plan.schedule.clone());
     let executor = Executor::start(name, schedule, system.faults.clone());
     let executor = Arc::new(executor.map_err(|error| format!("executor {name}: no thread: {error}"))?);
     system.executors.insert(name.to_owned(), Arc::clone(&executor));
@@ -293,7 +297,8 @@ mod tests {
 
     #[test]
     fn writers_come_before_readers_and_a_loop_is_cut() {
-        let connections = [connection("sonar", "avoider"), connection("avoider", "motors"), connection("motors", "sonar")];
+        let connections =
+            [connection("sonar", "avoider"), connection("avoider", "motors"), connection("motors", "sonar")];
         let order = flow_order(vec!["motors", "avoider", "sonar"], &connections);
         assert_eq!(order.len(), 3);
         let acyclic = [connection("sonar", "avoider"), connection("avoider", "motors")];

@@ -103,7 +103,8 @@ fn check_ports(component: &ComponentPlan, class: &Class) -> Result<(), String> {
 
 fn check_properties(component: &ComponentPlan, class: &Class) -> Result<(), String> {
     let decl = &class.exported().decl;
-    let unknown = component.properties.iter().find(|p| decl.properties.iter().all(|known| known.name.as_str() != p.name));
+    let unknown =
+        component.properties.iter().find(|p| decl.properties.iter().all(|known| known.name.as_str() != p.name));
     unknown.map_or(Ok(()), |property| {
         let known: Vec<_> = decl.properties.iter().map(|property| property.name.as_str()).collect();
         Err(format!("the plugin's class has no property `{}`; it has: {}", property.name, known.join(", ")))

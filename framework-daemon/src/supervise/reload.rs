@@ -31,12 +31,12 @@ pub struct Changes {
 ///
 /// # Errors
 /// All that is wrong; the system runs on as it was.
-pub fn reload(system: &mut System, plan: Arc<Plan>, extra: &[PathBuf]) -> Result<Changes, Vec<String>> {
-    let (changes, fresh) = compare(system, &plan);
-    let catalogue = system.catalogue.in_directories(boot::directories(&plan, extra));
+pub fn reload(system: &mut System, plan: &Arc<Plan>, extra: &[PathBuf]) -> Result<Changes, Vec<String>> {
+    let (changes, fresh) = compare(system, plan);
+    let catalogue = system.catalogue.in_directories(boot::directories(plan, extra));
     let blueprints = boot::draw(&fresh, &catalogue)?;
-    let old_plan = std::mem::replace(&mut system.plan, Arc::clone(&plan));
-    match prepare(system, blueprints, &plan, &changes) {
+    let old_plan = std::mem::replace(&mut system.plan, Arc::clone(plan));
+    match prepare(system, blueprints, plan, &changes) {
         Ok((slots, wiring)) => {
             system.catalogue = catalogue;
             commit(system, slots, wiring, &changes);

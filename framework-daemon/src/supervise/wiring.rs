@@ -35,15 +35,14 @@ pub fn build(connections: &[ConnectionPlan], slots: &[Placed]) -> Result<Wiring,
     if errors.is_empty() { Ok(wiring) } else { Err(errors) }
 }
 
-fn link(
-    connection: &ConnectionPlan,
-    slots: &HashMap<&str, &Placed>,
-) -> Result<((&'static str, String), Link), String> {
+fn link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<((&'static str, String), Link), String> {
     let (from, to) = (&connection.source, &connection.target);
-    let source = slots.get(from.slot.as_str()).and_then(|placed| placed.slot.output(&from.port).map(|port| (placed, port)));
+    let source =
+        slots.get(from.slot.as_str()).and_then(|placed| placed.slot.output(&from.port).map(|port| (placed, port)));
     let target = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.input(&to.port));
-    let ((placed, source), target) =
-        source.zip(target).ok_or_else(|| format!("{}.{} -> {}.{}: no such port", from.slot, from.port, to.slot, to.port))?;
+    let ((placed, source), target) = source
+        .zip(target)
+        .ok_or_else(|| format!("{}.{} -> {}.{}: no such port", from.slot, from.port, to.slot, to.port))?;
     if let Some(difference) = source.object.difference(target.object) {
         return Err(format!(
             "{}.{} carries {}, {}.{} expects {}, and their layouts differ: {difference}; build both plugins against \

@@ -53,8 +53,8 @@ fn edge(connection: &ConnectionPlan) -> String {
     let (source, target) = (&connection.source, &connection.target);
     let style = match connection.kind {
         PortKind::Data => "color=\"#1f5fa8\"",
-        PortKind::Event => "color=\"#b35c00\", style=dashed",
-        PortKind::Service => "color=\"#2a7d3f\", style=bold, dir=both, arrowtail=odot",
+        PortKind::Event => "color=\"#b35c00\", style=dashed, constraint=false",
+        PortKind::Service => "color=\"#2a7d3f\", style=bold, dir=both, arrowtail=odot, constraint=false",
     };
     let label = if connection.validity.is_empty() { "" } else { ", label=\"checked\"" };
     format!("  {} -> {} [{style}{label}];", end(&source.slot, &source.port, "e"), end(&target.slot, &target.port, "w"))

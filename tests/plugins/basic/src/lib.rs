@@ -87,7 +87,7 @@ pub struct Relay {
 
 impl Callbacks for Relay {
     fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
-        if let Some(count) = self.heard.fresh() {
+        while let Some(count) = self.heard.take() {
             self.said.write(count.clone());
         }
         Ok(())

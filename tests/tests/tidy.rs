@@ -1,0 +1,211 @@
+//! Reads the source and keeps the style: layer order, addresses of unsafe, lengths, banned calls, documentation.
+//!
+//! Every message is `path:line: what is wrong, what to do`.
+
+use std::path::{Path, PathBuf};
+
+/// A module of the daemon may use only modules to its left.
+const LAYERS: [&str; 11] =
+    ["model", "sys", "detect", "profile", "plugin", "port", "exec", "fault", "supervise", "daemon", "cli"];
+
+/// Where unsafe code may live. Each file opens with `#![allow(unsafe_code, reason = "address of unsafe: ...")]`, or allows
+/// it for one function.
+const UNSAFE: [&str; 21] = [
+    "component-sdk/derive/src/comm_object.rs",
+    "component-sdk/src/abi/export.rs",
+    "component-sdk/src/abi/host.rs",
+    "component-sdk/src/abi/inject.rs",
+    "component-sdk/src/abi/payload.rs",
+    "component-sdk/src/object/flat.rs",
+    "component-sdk/src/object/path.rs",
+    "component-sdk/src/object/scalar.rs",
+    "component-sdk/src/object/sequence.rs",
+    "component-sdk/src/object/text.rs",
+    "component-sdk/src/testing.rs",
+    "framework-daemon/src/plugin/instance.rs",
+    "framework-daemon/src/plugin/library.rs",
+    "framework-daemon/src/port/block.rs",
+    "framework-daemon/src/port/border.rs",
+    "framework-daemon/src/port/check.rs",
+    "framework-daemon/src/sys/clock.rs",
+    "framework-daemon/src/sys/fiber.rs",
+    "framework-daemon/src/sys/shield.rs",
+    "framework-daemon/src/sys/thread.rs",
+    "framework-daemon/src/sys/trap.rs",
+];
+
+/// Also an address; apart only because the list above is sorted by folder.
+const UNSAFE_FUTEX: &str = "framework-daemon/src/sys/wake.rs";
+
+const FILE_LINES_MAX: usize = 600;
+
+/// What nobody calls in the daemon, and what to call instead.
+const BANNED: [(&str, &str); 8] = [
+    ("process::exit(", "an exit code returned from main"),
+    ("libc::fork", "posix_spawn: handlers of fork take every allocator lock"),
+    ("libc::longjmp", "a fiber that ends"),
+    ("dlclose", "nothing: a Rust library is never closed"),
+    ("println!(", "writeln! to the writer that the verb was given"),
+    ("std::thread::park", "sys::wake"),
+    (".unwrap()", "an error, or `expect` with the reason why it cannot fail"),
+    ("pthread_cancel", "a deadline, then leave it behind"),
+];
+
+struct Source {
+    path: String,
+    /// Lines before the unit tests, which come last in every file.
+    code: Vec<String>,
+    lines: usize,
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()
+}
+
+fn sources() -> Vec<Source> {
+    let mut paths = Vec::new();
+    for folder in ["component-sdk", "framework-daemon", "components", "tests"] {
+        walk(&root().join(folder), &mut paths);
+    }
+    paths.sort();
+    paths.iter().map(|path| Source::read(path)).collect()
+}
+
+fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap().map(Result::unwrap) {
+        let path = entry.path();
+        if path.is_dir() && !path.ends_with("target") {
+            walk(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+impl Source {
+    fn read(path: &Path) -> Self {
+        let text = std::fs::read_to_string(path).unwrap();
+        let code = text.lines().take_while(|line| !line.starts_with("#[cfg(test)]")).map(str::to_owned).collect();
+        let path = path.strip_prefix(root()).unwrap().display().to_string();
+        Self { path, code, lines: text.lines().count() }
+    }
+
+    /// Lines of code without comments, numbered from 1.
+    fn numbered(&self) -> impl Iterator<Item = (usize, &str)> {
+        let lines = self.code.iter().enumerate().map(|(index, line)| (index + 1, line.as_str()));
+        lines.map(|(number, line)| (number, line.split("//").next().unwrap_or_default()))
+    }
+}
+
+fn report(problems: &[String]) {
+    assert!(problems.is_empty(), "\n{}\n", problems.join("\n"));
+}
+
+#[test]
+fn a_module_uses_only_modules_to_its_left() {
+    let mut problems = Vec::new();
+    for source in sources() {
+        let Some(inner) = source.path.strip_prefix("framework-daemon/src/") else { continue };
+        let own = inner.split(['/', '.']).next().unwrap_or_default();
+        let Some(layer) = LAYERS.iter().position(|name| *name == own) else { continue };
+        for (number, line) in source.numbered() {
+            for used in line.split("crate::").skip(1) {
+                let used = used.split(|c: char| !c.is_alphanumeric() && c != '_').next().unwrap_or_default();
+                if LAYERS.iter().position(|name| *name == used).is_some_and(|other| other > layer) {
+                    problems.push(format!(
+                        "{}:{number}: `{own}` must not use `{used}`: move what both need to the left",
+                        source.path
+                    ));
+                }
+            }
+        }
+    }
+    report(&problems);
+}
+
+#[test]
+fn unsafe_has_an_address() {
+    let mut problems = Vec::new();
+    for source in sources() {
+        let listed = UNSAFE.contains(&source.path.as_str()) || source.path == UNSAFE_FUTEX;
+        let found = source
+            .numbered()
+            .find(|(_, line)| line.contains("unsafe {") || line.contains("unsafe fn") || line.contains("unsafe impl"));
+        match found {
+            Some((number, _)) if !listed && !source.path.starts_with("tests/") => {
+                problems.push(format!(
+                    "{}:{number}: unsafe code has its addresses in tests/tests/tidy.rs: move it to one",
+                    source.path
+                ));
+            }
+            None if listed => {
+                problems.push(format!("{}:1: no unsafe code left here: take it off the list", source.path));
+            }
+            _ => {}
+        }
+    }
+    report(&problems);
+}
+
+#[test]
+fn no_file_is_too_long_and_each_opens_with_its_purpose() {
+    let mut problems = Vec::new();
+    for source in sources() {
+        if source.lines > FILE_LINES_MAX {
+            problems.push(format!(
+                "{}:{}: longer than {FILE_LINES_MAX} lines: split it by responsibility",
+                source.path, source.lines
+            ));
+        }
+        if !source.code.first().is_some_and(|line| line.starts_with("//!") || line.starts_with("#!")) {
+            problems.push(format!("{}:1: open with a `//!` line that says what the file is for", source.path));
+        }
+    }
+    report(&problems);
+}
+
+#[test]
+fn nobody_calls_what_is_banned() {
+    let mut problems = Vec::new();
+    for source in sources().iter().filter(|source| source.path.starts_with("framework-daemon/src/")) {
+        for (number, line) in source.numbered() {
+            for (call, instead) in BANNED.iter().filter(|(call, _)| line.contains(call)) {
+                // `eprintln!(` contains `println!(` and has one place: the signal thread that is about to leave.
+                if *call == "println!(" && line.contains("eprintln!(") {
+                    continue;
+                }
+                problems.push(format!("{}:{number}: `{call}` is banned here, use {instead}", source.path));
+            }
+        }
+    }
+    report(&problems);
+}
+
+#[test]
+fn every_verb_is_in_the_readme() {
+    use clap::CommandFactory;
+    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
+    let missing: Vec<String> = framework_daemon::cli::Cli::command()
+        .get_subcommands()
+        .map(|verb| format!("`{}", verb.get_name()))
+        .filter(|verb| !readme.contains(verb))
+        .map(|verb| format!("README.md:1: the verb {verb}` is not documented"))
+        .collect();
+    report(&missing);
+}
+
+#[test]
+fn every_component_is_a_small_product() {
+    let mut problems = Vec::new();
+    for entry in std::fs::read_dir(root().join("components")).unwrap().map(Result::unwrap) {
+        let path = entry.path();
+        let manifest = std::fs::read_to_string(path.join("Cargo.toml")).unwrap_or_default();
+        let name = entry.file_name().into_string().unwrap();
+        let wanted: &[&str] =
+            if manifest.contains("cdylib") { &["README.md", "profile.xml", "tests"] } else { &["README.md"] };
+        for file in wanted.iter().filter(|file| !path.join(file).exists()) {
+            problems.push(format!("components/{name}:1: {file} is missing"));
+        }
+    }
+    report(&problems);
+}

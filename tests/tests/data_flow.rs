@@ -54,8 +54,9 @@ struct Heard {
 }
 
 fn sonar(on_invalid: &str) -> Heard {
-    let validity =
-        format!("<validity field=\"range\"><min>0.03</min><max>3.0</max><on_invalid>{on_invalid}</on_invalid></validity>");
+    let validity = format!(
+        "<validity field=\"range\"><min>0.03</min><max>3.0</max><on_invalid>{on_invalid}</on_invalid></validity>"
+    );
     let main = "<executor>main</executor>";
     let application = application(&[slot("gauge", "Gauge", main), slot("sonar", "Sonar", main)], &[]);
     let wired = connection("sonar.out -> gauge.heard", &validity);

@@ -17,10 +17,13 @@ use crate::profile::diagnostic::{Diagnostic, Level};
 use crate::profile::document::{Document, Profile};
 use crate::profile::load;
 use crate::profile::single;
+use crate::supervise::catalogue::Catalogue;
+use crate::supervise::{blueprint, boot, wiring};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon check profiles/navigation\n  \
-     framework-daemon check --format json Camera.xml Planner.xml\n\n\
-     Exit codes: 0 accepted (warnings and notes possible), 3 something is wrong.";
+     framework-daemon check --format json Camera.xml Planner.xml\n  \
+     framework-daemon check profiles/navigation --plugins target/release\n\n\
+     Exit codes: 0 accepted (warnings and notes possible), 3 something is wrong, 4 a plugin does not fit.";
 
 /// Arguments of `check`.
 #[derive(Debug, Args)]
@@ -32,6 +35,9 @@ pub struct Arguments {
     /// How findings are printed; json: one object a file.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
+    /// Also hold directories against their plugins, looked for here and where the profiles say; may be repeated.
+    #[arg(long, value_name = "DIR")]
+    pub plugins: Vec<PathBuf>,
 }
 
 /// What is said about one file.
@@ -49,7 +55,9 @@ struct Verdict {
 pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     let mut totals = [0_usize; 3];
     let mut files = 0;
+    let mut refused = false;
     for path in &arguments.paths {
+        refused |= !arguments.plugins.is_empty() && !check_plugins(path, &arguments.plugins)?;
         let verdicts = if path.is_dir() { check_directory(path) } else { vec![check_file(path)] };
         files += verdicts.len();
         for verdict in &verdicts {
@@ -65,7 +73,26 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
         let [files, errors, warnings, notes] = parts;
         writeln!(out, "{files} checked: {errors}, {warnings}, {notes}")?;
     }
-    Ok(if errors > 0 { Exit::ProfileInvalid } else { Exit::Done })
+    Ok(match (errors, refused) {
+        (0, false) => Exit::Done,
+        (0, true) => Exit::PluginRefused,
+        _ => Exit::ProfileInvalid,
+    })
+}
+
+/// Loads the plugins of a valid directory and compares ports, properties and layouts; false: something is wrong, which is
+/// told on stderr. Nothing is run but the libraries' own constructors.
+fn check_plugins(path: &Path, plugins: &[PathBuf]) -> io::Result<bool> {
+    let Some(plan) = path.is_dir().then(|| load::load(path).ok()).flatten().map(|loaded| loaded.plan) else {
+        return Ok(true);
+    };
+    let catalogue = Catalogue::default().in_directories(boot::directories(&plan, plugins));
+    let wrong = match blueprint::draw(&plan.slots, &catalogue) {
+        Ok(blueprints) => wiring::check(&plan.connections, &blueprints),
+        Err(reasons) => reasons,
+    };
+    wrong.iter().try_for_each(|reason| writeln!(io::stderr(), "{reason}"))?;
+    Ok(wrong.is_empty())
 }
 
 fn counted((count, what): (usize, &str)) -> String {

@@ -4,11 +4,10 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use component_sdk::abi::class::{Direction, PortDecl};
-
+use super::blueprint::{Blueprint, draw, texts};
 use super::catalogue::Catalogue;
 use super::system::{Placed, System};
-use super::wiring::{self, at, describe};
+use super::wiring;
 use crate::exec::executor::Executor;
 use crate::exec::member::{Member, Standby};
 use crate::exec::slot::{Slot, Status};
@@ -19,14 +18,7 @@ use crate::model::ladder::Ladder;
 use crate::model::limits::{BOOT_STEP, STACK_BYTES};
 use crate::model::names;
 use crate::model::schedule::Schedule;
-use crate::plugin::Class;
-use crate::port::check::Checks;
-use crate::port::input::InPort;
-use crate::port::output::OutPort;
-use crate::profile::plan::{
-    ComponentPlan, ConnectionPlan, DataPortPlan, Overflow, Plan, Preload, Property, Queue, SecondaryPlan, SlotPlan,
-    Trigger,
-};
+use crate::profile::plan::{ConnectionPlan, Plan, SlotPlan, Trigger};
 
 /// Why a system could not be brought up, one text for each thing that is wrong.
 #[derive(Debug)]
@@ -64,121 +56,6 @@ pub fn directories(plan: &Plan, extra: &[PathBuf]) -> Vec<PathBuf> {
     extra.iter().chain(&plan.system.plugin_dirs).cloned().collect()
 }
 
-/// A slot with its classes, before anything of it exists.
-pub struct Blueprint<'a> {
-    plan: &'a SlotPlan,
-    class: Class,
-    standbys: Vec<(Recipe, Preload)>,
-    inputs: Vec<InPort>,
-    outputs: Vec<OutPort>,
-}
-
-/// Finds the classes of all slots and compiles their ports.
-///
-/// # Errors
-/// All that is wrong, one text each.
-pub fn draw<'a>(slots: &'a [SlotPlan], catalogue: &Catalogue) -> Result<Vec<Blueprint<'a>>, Vec<String>> {
-    let (mut drawn, mut errors) = (Vec::new(), Vec::new());
-    for plan in slots {
-        match Blueprint::new(plan, catalogue) {
-            Ok(blueprint) => drawn.push(blueprint),
-            Err(reason) => errors.push(reason),
-        }
-    }
-    errors.dedup();
-    if errors.is_empty() { Ok(drawn) } else { Err(errors) }
-}
-
-impl<'a> Blueprint<'a> {
-    fn new(plan: &'a SlotPlan, catalogue: &Catalogue) -> Result<Self, String> {
-        let class = catalogue.class(&plan.component)?;
-        let standbys = plan.rules.secondaries.iter().map(|secondary| standby(plan, secondary, &class, catalogue));
-        let standbys = standbys.collect::<Result<_, _>>()?;
-        let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
-        for decl in class.exported().decl.ports.iter() {
-            match decl.direction {
-                Direction::Input => inputs.push(input(decl, &plan.component)?),
-                Direction::Output => outputs.push(output(decl, &plan.component)?),
-            }
-        }
-        Ok(Self { plan, class, standbys, inputs, outputs })
-    }
-}
-
-fn declared<'p>(decl: &PortDecl, component: &'p ComponentPlan) -> Option<&'p DataPortPlan> {
-    component.data_ports.iter().find(|port| port.name == decl.name.as_str())
-}
-
-fn checks(decl: &PortDecl, declared: Option<&DataPortPlan>) -> Result<Checks, String> {
-    declared.map_or(Ok(Checks::default()), |port| {
-        Checks::compile(&port.validity, decl.object).map_err(|error| at(&port.location, &describe(&error)))
-    })
-}
-
-/// The profile's queue holds; where it says nothing of the port, the author's.
-fn input(decl: &PortDecl, component: &ComponentPlan) -> Result<InPort, String> {
-    let declared = declared(decl, component);
-    let queue = match (declared, decl.fifo) {
-        (Some(port), _) => port.queue,
-        (None, 0) => Queue::Last,
-        (None, size) => Queue::Fifo { size, overflow: Overflow::DropOldest },
-    };
-    Ok(InPort::new(decl.name.as_str(), decl.object, queue, checks(decl, declared)?))
-}
-
-fn output(decl: &PortDecl, component: &ComponentPlan) -> Result<OutPort, String> {
-    Ok(OutPort::new(decl.name.as_str(), decl.object, checks(decl, declared(decl, component))?))
-}
-
-/// A secondary: its class is loaded now unless its preload says otherwise, and must have the primary's ports.
-fn standby(
-    plan: &SlotPlan,
-    secondary: &SecondaryPlan,
-    primary: &Class,
-    catalogue: &Catalogue,
-) -> Result<(Recipe, Preload), String> {
-    let component = Arc::clone(&secondary.component);
-    let properties = merged(&component.properties, &plan.properties, &plan.component.properties);
-    let stack_bytes = component.execution.stack.unwrap_or(STACK_BYTES);
-    let source = if secondary.preload == Preload::None {
-        let (catalogue, primary) = (catalogue.clone(), primary.clone());
-        Source::Lazy(Arc::new(move || {
-            let class = catalogue.class(&component)?;
-            same_ports(&primary, &class).map(|()| class)
-        }))
-    } else {
-        let class = catalogue.class(&component)?;
-        same_ports(primary, &class).map_err(|reason| at(&secondary.location, &reason))?;
-        Source::Loaded(class)
-    };
-    Ok((Recipe { source, properties, stack_bytes }, secondary.preload))
-}
-
-fn same_ports(primary: &Class, secondary: &Class) -> Result<(), String> {
-    for port in secondary.exported().decl.ports.iter() {
-        let twin = primary.exported().decl.ports.iter().find(|twin| twin.name == port.name);
-        let fits = twin
-            .is_some_and(|twin| twin.direction == port.direction && twin.object.layout_hash == port.object.layout_hash);
-        if !fits {
-            let (own, name) = (secondary.name(), port.name);
-            return Err(format!(
-                "secondary {own}: its port `{name}` is not one of {} with the same object",
-                primary.name()
-            ));
-        }
-    }
-    Ok(())
-}
-
-/// A secondary's own values, overridden by what the slot overrides: the slot's values that differ from its primary's.
-fn merged(own: &[Property], slot: &[Property], primary: &[Property]) -> Vec<(String, String)> {
-    let mut merged: HashMap<&str, &str> = own.iter().map(|p| (p.name.as_str(), p.value.as_str())).collect();
-    for property in slot.iter().filter(|property| !primary.contains(property)) {
-        merged.insert(&property.name, &property.value);
-    }
-    merged.into_iter().map(|(name, text)| (name.to_owned(), text.to_owned())).collect()
-}
-
 /// Brings a blueprint to life on its executor: created and initialised, not started, not connected.
 ///
 /// # Errors
@@ -205,7 +82,7 @@ fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>) -> Member {
     if execution.trigger == Trigger::Nonperiodic {
         slot.inputs.iter().for_each(|port| port.listen(Box::new(Doorbell(Arc::clone(&signal)))));
     }
-    let properties = plan.properties.iter().map(|property| (property.name.clone(), property.value.clone())).collect();
+    let properties = texts(&plan.properties);
     let stack_bytes = execution.stack.unwrap_or(STACK_BYTES);
     let intensity = plan.rules.reset.map(|intensity| (intensity.limit, intensity.within));
     Member {

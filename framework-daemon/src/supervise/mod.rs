@@ -1,5 +1,8 @@
 //! Whole-system operations: `boot -> (reload)* -> shutdown`.
 
+/// A slot before anything of it exists.
+pub mod blueprint;
+
 /// Plan to slots, executors, wiring.
 pub mod boot;
 

@@ -7,7 +7,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::boot::{self, Blueprint};
+use super::blueprint::{self, Blueprint};
+use super::boot;
 use super::system::{Placed, System};
 use super::wiring::{self, Wiring};
 use crate::model::limits::SHUTDOWN_STEP as STEP;
@@ -34,7 +35,7 @@ pub struct Changes {
 pub fn reload(system: &mut System, plan: &Arc<Plan>, extra: &[PathBuf]) -> Result<Changes, Vec<String>> {
     let (changes, fresh) = compare(system, plan);
     let catalogue = system.catalogue.in_directories(boot::directories(plan, extra));
-    let blueprints = boot::draw(&fresh, &catalogue)?;
+    let blueprints = blueprint::draw(&fresh, &catalogue)?;
     let old_plan = std::mem::replace(&mut system.plan, Arc::clone(plan));
     match prepare(system, blueprints, plan, &changes) {
         Ok((slots, wiring)) => {

@@ -3,8 +3,10 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use component_sdk::object::TypeDescriptor;
 use component_sdk::object::path::PathError;
 
+use super::blueprint::Blueprint;
 use super::system::{Placed, by_name};
 use crate::port::check::Checks;
 use crate::port::output::Link;
@@ -43,15 +45,38 @@ fn link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<(
     let ((placed, source), target) = source
         .zip(target)
         .ok_or_else(|| format!("{}.{} -> {}.{}: no such port", from.slot, from.port, to.slot, to.port))?;
-    if let Some(difference) = source.object.difference(target.object) {
+    let checks = compare(connection, source.object, target.object)?;
+    Ok(((placed.slot.name, from.port.clone()), Link { target: Arc::clone(target), checks: Arc::new(checks) }))
+}
+
+/// Holds the layouts of both ends against each other and compiles the connection's checks.
+fn compare(
+    connection: &ConnectionPlan,
+    written: &'static TypeDescriptor,
+    expected: &'static TypeDescriptor,
+) -> Result<Checks, String> {
+    let (from, to) = (&connection.source, &connection.target);
+    if let Some(difference) = written.difference(expected) {
         return Err(format!(
             "{}.{} carries {}, {}.{} expects {}, and their layouts differ: {difference}; build both plugins against \
              the same definition",
-            from.slot, from.port, source.object.name, to.slot, to.port, target.object.name
+            from.slot, from.port, written.name, to.slot, to.port, expected.name
         ));
     }
-    let checks = Checks::compile(&connection.validity, source.object).map_err(|error| describe(&error))?;
-    Ok(((placed.slot.name, from.port.clone()), Link { target: Arc::clone(target), checks: Arc::new(checks) }))
+    Checks::compile(&connection.validity, written).map_err(|error| describe(&error))
+}
+
+/// What is wrong with the data connections of slots that do not exist yet.
+#[must_use]
+pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Vec<String> {
+    let find = |slot: &str| blueprints.iter().find(|blueprint| blueprint.name() == slot);
+    let wrong = |connection: &ConnectionPlan| {
+        let (from, to) = (&connection.source, &connection.target);
+        let written = find(&from.slot)?.output_object(&from.port)?;
+        let expected = find(&to.slot)?.input_object(&to.port)?;
+        compare(connection, written, expected).err().map(|reason| at(&connection.location, &reason))
+    };
+    connections.iter().filter(|connection| connection.kind == PortKind::Data).filter_map(wrong).collect()
 }
 
 /// Puts the links in place.

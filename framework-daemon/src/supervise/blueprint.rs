@@ -1,0 +1,146 @@
+//! A slot before anything of it exists: its classes found, its ports compiled. All that can be wrong with plugins is found
+//! here, so that `check` finds it too.
+
+use std::sync::Arc;
+
+use component_sdk::abi::class::{Direction, PortDecl};
+use component_sdk::object::TypeDescriptor;
+
+use super::catalogue::Catalogue;
+use super::wiring::{at, describe};
+use crate::exec::unit::{Recipe, Source};
+use crate::model::limits::STACK_BYTES;
+use crate::plugin::Class;
+use crate::port::check::Checks;
+use crate::port::input::InPort;
+use crate::port::output::OutPort;
+use crate::profile::plan::{ComponentPlan, DataPortPlan, Overflow, Preload, Property, Queue, SecondaryPlan, SlotPlan};
+
+/// A slot with its classes, before anything of it exists.
+pub struct Blueprint<'a> {
+    /// What the profiles say of it.
+    pub plan: &'a SlotPlan,
+    /// Its primary class.
+    pub class: Class,
+    /// Its secondaries.
+    pub standbys: Vec<(Recipe, Preload)>,
+    /// Its input ports.
+    pub inputs: Vec<InPort>,
+    /// Its output ports.
+    pub outputs: Vec<OutPort>,
+}
+
+/// Finds the classes of all slots and compiles their ports.
+///
+/// # Errors
+/// All that is wrong, one text each.
+pub fn draw<'a>(slots: &'a [SlotPlan], catalogue: &Catalogue) -> Result<Vec<Blueprint<'a>>, Vec<String>> {
+    let (mut drawn, mut errors) = (Vec::new(), Vec::new());
+    for plan in slots {
+        match Blueprint::new(plan, catalogue) {
+            Ok(blueprint) => drawn.push(blueprint),
+            Err(reason) => errors.push(reason),
+        }
+    }
+    errors.dedup();
+    if errors.is_empty() { Ok(drawn) } else { Err(errors) }
+}
+
+impl<'a> Blueprint<'a> {
+    fn new(plan: &'a SlotPlan, catalogue: &Catalogue) -> Result<Self, String> {
+        let class = catalogue.class(&plan.component)?;
+        let standbys = plan.rules.secondaries.iter().map(|secondary| standby(secondary, &class, catalogue));
+        let standbys = standbys.collect::<Result<_, _>>()?;
+        let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
+        for decl in class.exported().decl.ports.iter() {
+            match decl.direction {
+                Direction::Input => inputs.push(input(decl, &plan.component)?),
+                Direction::Output => outputs.push(output(decl, &plan.component)?),
+            }
+        }
+        Ok(Self { plan, class, standbys, inputs, outputs })
+    }
+
+    /// The slot's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.plan.name
+    }
+
+    /// What an output port carries.
+    #[must_use]
+    pub fn output_object(&self, port: &str) -> Option<&'static TypeDescriptor> {
+        self.outputs.iter().find(|candidate| candidate.name == port).map(|port| port.object)
+    }
+
+    /// What an input port carries.
+    #[must_use]
+    pub fn input_object(&self, port: &str) -> Option<&'static TypeDescriptor> {
+        self.inputs.iter().find(|candidate| candidate.name == port).map(|port| port.object)
+    }
+}
+
+fn declared<'p>(decl: &PortDecl, component: &'p ComponentPlan) -> Option<&'p DataPortPlan> {
+    component.data_ports.iter().find(|port| port.name == decl.name.as_str())
+}
+
+fn checks(decl: &PortDecl, declared: Option<&DataPortPlan>) -> Result<Checks, String> {
+    declared.map_or(Ok(Checks::default()), |port| {
+        Checks::compile(&port.validity, decl.object).map_err(|error| at(&port.location, &describe(&error)))
+    })
+}
+
+/// The profile's queue holds; where it says nothing of the port, the author's.
+fn input(decl: &PortDecl, component: &ComponentPlan) -> Result<InPort, String> {
+    let declared = declared(decl, component);
+    let queue = match (declared, decl.fifo) {
+        (Some(port), _) => port.queue,
+        (None, 0) => Queue::Last,
+        (None, size) => Queue::Fifo { size, overflow: Overflow::DropOldest },
+    };
+    Ok(InPort::new(decl.name.as_str(), decl.object, queue, checks(decl, declared)?))
+}
+
+fn output(decl: &PortDecl, component: &ComponentPlan) -> Result<OutPort, String> {
+    Ok(OutPort::new(decl.name.as_str(), decl.object, checks(decl, declared(decl, component))?))
+}
+
+/// A secondary: its class is loaded now unless its preload says otherwise, and must have the primary's ports.
+fn standby(secondary: &SecondaryPlan, primary: &Class, catalogue: &Catalogue) -> Result<(Recipe, Preload), String> {
+    let component = Arc::clone(&secondary.component);
+    let properties = texts(&secondary.properties);
+    let stack_bytes = component.execution.stack.unwrap_or(STACK_BYTES);
+    let source = if secondary.preload == Preload::None {
+        let (catalogue, primary) = (catalogue.clone(), primary.clone());
+        Source::Lazy(Arc::new(move || {
+            let class = catalogue.class(&component)?;
+            same_ports(&primary, &class).map(|()| class)
+        }))
+    } else {
+        let class = catalogue.class(&component)?;
+        same_ports(primary, &class).map_err(|reason| at(&secondary.location, &reason))?;
+        Source::Loaded(class)
+    };
+    Ok((Recipe { source, properties, stack_bytes }, secondary.preload))
+}
+
+fn same_ports(primary: &Class, secondary: &Class) -> Result<(), String> {
+    for port in secondary.exported().decl.ports.iter() {
+        let twin = primary.exported().decl.ports.iter().find(|twin| twin.name == port.name);
+        let fits = twin
+            .is_some_and(|twin| twin.direction == port.direction && twin.object.layout_hash == port.object.layout_hash);
+        if !fits {
+            let (own, name) = (secondary.name(), port.name);
+            return Err(format!(
+                "secondary {own}: its port `{name}` is not one of {} with the same object",
+                primary.name()
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Names and texts, as recipes hold them.
+pub(super) fn texts(properties: &[Property]) -> Vec<(String, String)> {
+    properties.iter().map(|property| (property.name.clone(), property.value.clone())).collect()
+}

@@ -69,6 +69,7 @@ pub struct Steering {
 impl Steering {
     /// The motion that follows `course` as nearly as `ranges` (filtered, m) allow.
     pub fn steer(&mut self, ranges: &Ranges, course: Motion, settings: &Settings) -> Motion {
+        let course = course.or_stop();
         if course.forward <= 0.0 {
             self.passing = 0.0;
             return Motion { forward: 0.0, turn: limited_turn(course.bearing(), settings) };

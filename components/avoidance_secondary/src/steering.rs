@@ -59,6 +59,7 @@ pub struct Steering {
 impl Steering {
     /// The motion that follows `course` as nearly as `ranges` (filtered, m) allow.
     pub fn steer(&mut self, ranges: &Ranges, course: Motion, settings: &Settings) -> Motion {
+        let course = course.or_stop();
         if course.forward <= 0.0 {
             self.wall = 0.0;
             return Motion { forward: 0.0, turn: limited(course.bearing() * TURN_GAIN, settings) };

@@ -54,9 +54,13 @@ impl Callbacks for MotionBoard {
         }
     }
 
-    fn stop(&mut self, _: &mut Context<'_>) -> Outcome {
+    fn stop(&mut self, cx: &mut Context<'_>) -> Outcome {
         // A line that is lost cannot be told; the board stops by itself then.
-        self.link.take().map_or(Ok(()), |mut link| Ok(link.drive(0.0, 0.0)?))
+        let Some(mut link) = self.link.take() else { return Ok(()) };
+        if link.damaged() > 0 {
+            warn!(cx, "{} frames were damaged on the line; check cable and `baud`", link.damaged());
+        }
+        Ok(link.drive(0.0, 0.0)?)
     }
 
     fn reset(&mut self, _: &mut Context<'_>) -> Outcome {

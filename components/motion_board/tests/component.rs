@@ -4,6 +4,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::time::Duration;
 
 use board_protocol::{Command, Decoder, Encoder, Encoders, Telemetry, Ultrasonic, WheelVelocities};
+use component_sdk::object::CommObject;
 use component_sdk::testing::Bench;
 use motion_board::MotionBoard;
 use robot_objects::{EncoderCounts, UltrasonicRing, WheelCommand};
@@ -22,7 +23,7 @@ impl Board {
     /// A board, and the device that leads to it. The second port keeps the device alive.
     fn new() -> (Self, TTYPort, String) {
         let (mut line, device) = TTYPort::pair().expect("the system has pseudo-terminals");
-        line.set_timeout(Duration::from_millis(200)).expect("a timeout can be set");
+        line.set_timeout(Duration::from_millis(60)).expect("a timeout can be set");
         let name = device.name().expect("it has a name");
         (Self { line, encoder: Encoder::new(), decoder: Decoder::new() }, device, name)
     }
@@ -32,19 +33,36 @@ impl Board {
         self.line.write_all(&frame).expect("the line takes a frame");
     }
 
-    /// The last wheel velocities that have come.
+    /// The last wheel velocities that have come. A pseudo-terminal delivers late and in pieces, so it listens until all is
+    /// quiet.
     fn hear(&mut self) -> Option<WheelVelocities> {
         let (mut bytes, mut last) = ([0; 256], None);
-        match self.line.read(&mut bytes) {
-            Ok(count) => self.decoder.feed(&bytes[..count], |command| {
-                if let Command::WheelVelocities(speeds) = command {
-                    last = Some(speeds);
+        loop {
+            match self.line.read(&mut bytes) {
+                Ok(count) => self.decoder.feed(&bytes[..count], |command| {
+                    if let Command::WheelVelocities(speeds) = command {
+                        last = Some(speeds);
+                    }
+                }),
+                Err(error) => {
+                    assert_eq!(error.kind(), ErrorKind::TimedOut);
+                    return last;
                 }
-            }),
-            Err(error) => assert_eq!(error.kind(), ErrorKind::TimedOut),
+            }
         }
-        last
     }
+}
+
+/// What comes out of a port, sooner or later.
+fn wait_for<T: CommObject>(bench: &mut Bench<MotionBoard>, port: &str) -> T {
+    for _ in 0..1000 {
+        execute(bench);
+        if let Some(object) = bench.take(port) {
+            return object;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    panic!("nothing came out of `{port}`");
 }
 
 fn execute(bench: &mut Bench<MotionBoard>) {
@@ -78,11 +96,21 @@ fn telemetry_becomes_objects() {
     let mut bench = Bench::<MotionBoard>::with(&[("device", &name)]).expect("valid");
     execute(&mut bench);
     board.say(Telemetry::Encoders(Encoders { time_us: 2_500_000, ticks: [1, 2, -3, 4] }));
-    board.say(Telemetry::Ultrasonic(Ultrasonic { time_us: 2_500_000, ranges_mm: [1500; 12] }));
-    execute(&mut bench);
-    let counts: EncoderCounts = bench.take("encoders").expect("they have come");
+    let counts: EncoderCounts = wait_for(&mut bench, "encoders");
     assert_eq!((counts.ticks, counts.stamp.sec, counts.stamp.nanosec), ([1, 2, -3, 4], 2, 500_000_000));
-    assert_eq!(bench.take::<UltrasonicRing>("echoes").map(|ring| ring.ranges), Some([1.5; 12]));
+    board.say(Telemetry::Ultrasonic(Ultrasonic { time_us: 2_500_000, ranges_mm: [1500; 12] }));
+    assert_eq!(wait_for::<UltrasonicRing>(&mut bench, "echoes").ranges, [1.5; 12]);
+}
+
+#[test]
+fn a_board_that_hangs_up_is_one_fault_too() {
+    let (board, device, name) = Board::new();
+    let mut bench = Bench::<MotionBoard>::with(&[("device", &name)]).expect("valid");
+    execute(&mut bench);
+    drop((board, device));
+    (0..100).for_each(|_| execute(&mut bench));
+    assert_eq!(Bench::<MotionBoard>::faults().len(), 1);
+    bench.stop().expect("nobody is left to be told");
 }
 
 #[test]

@@ -27,6 +27,12 @@ impl Motion {
         Self { forward: speed, turn: angle::wrap(bearing) / COURSE_HORIZON }
     }
 
+    /// The motion itself, or standing still where it is no finite number: nobody may drive on nonsense.
+    #[must_use]
+    pub fn or_stop(self) -> Self {
+        if self.forward.is_finite() && self.turn.is_finite() { self } else { Self::STOP }
+    }
+
     /// The bearing that a course asks for, in `-PI..=PI`.
     #[must_use]
     pub fn bearing(self) -> f64 {

@@ -35,9 +35,9 @@ fn distance_to(index: usize, towards: f64) -> f64 {
     angle::wrap(bearing(index) - towards).abs()
 }
 
-/// Every echo as (bearing in rad, distance from the robot's centre in m).
+/// Every echo as (bearing in rad, distance from the robot's centre in m). What is no number counts as touching.
 pub fn echoes(ranges: &Ranges) -> impl Iterator<Item = (f64, f64)> + '_ {
-    ranges.iter().enumerate().map(|(index, range)| (bearing(index), f64::from(*range) + RADIUS))
+    ranges.iter().enumerate().map(|(index, range)| (bearing(index), f64::from(*range).max(0.0) + RADIUS))
 }
 
 /// The nearest echo within `half_angle` (rad) of `towards` (rad), in m from the centre; infinite when there is none.

@@ -1,12 +1,12 @@
 //! The binary contract between a plugin and the daemon, on one page.
 //!
-//! - **One symbol** per plugin, `component_plugin_<crate>`: a [`header::PluginHeader`]. It is read before any call and
+//! - **One symbol** per plugin, `component_plugin_<crate>`: a [`PluginHeader`](crate::abi::header::PluginHeader). It is read before any call and
 //!   says magic, ABI version, sizes, layout hashes, panic strategy and build, so that a refusal names both values.
-//! - **Then** `abi_stable` compares the layout of [`class::PluginModule`] and of all it mentions, field by field.
+//! - **Then** `abi_stable` compares the layout of [`PluginModule`](crate::abi::class::PluginModule) and of all it mentions, field by field.
 //! - **Ownership**: what a plugin exports is `'static`, because libraries are never closed. Objects on ports live in
 //!   blocks of the daemon; only plugin code constructs and drops what is in them.
 //! - **Threads**: an instance is entered by one thread at a time, always on a fiber.
-//! - **Growth**: [`class::PluginModule`] and [`host::HostApi`] grow at their end only; anything else is a new ABI version.
+//! - **Growth**: [`PluginModule`](crate::abi::class::PluginModule) and [`HostApi`](crate::abi::host::HostApi) grow at their end only; anything else is a new ABI version.
 //! - **Panics** never cross: each shim catches them inside the plugin, where the copy of `std` that threw can.
 //!
 //! The root module's own loader of `abi_stable` was tried and left: it opens the library itself and reports less than

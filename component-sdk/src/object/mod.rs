@@ -1,7 +1,7 @@
 //! Communication objects: by value, immutable once sent, shared by reference inside the process.
 //!
-//! A type is one by `#[derive(CommObject)]` on a `#[repr(C)]` struct of scalars, arrays, [`Text`], [`Sequence`] and other
-//! objects. Its [`TypeDescriptor`] says where each field lies, so that a profile can name a field and a check is an
+//! A type is one by `#[derive(CommObject)]` on a `#[repr(C)]` struct of scalars, arrays, [`Text`](crate::object::Text), [`Sequence`](crate::object::Sequence) and other
+//! objects. Its [`TypeDescriptor`](crate::object::TypeDescriptor) says where each field lies, so that a profile can name a field and a check is an
 //! offset load, and it suffices to copy any object into flat bytes and back: later transports need nothing more from
 //! the author.
 //!

@@ -121,6 +121,17 @@ impl<T: Clone> Sequence<T> {
     }
 }
 
+impl<T: Copy> Sequence<T> {
+    /// Replaces all elements by copies of `elements`, in one move of memory.
+    pub fn assign(&mut self, elements: &[T]) {
+        self.clear();
+        self.reserve(elements.len());
+        // SAFETY: `reserve` made room for them, in memory that a borrowed slice cannot overlap; they are `Copy`.
+        unsafe { self.start.copy_from_nonoverlapping(NonNull::from(elements).cast(), elements.len()) };
+        self.len = elements.len();
+    }
+}
+
 impl<T> Drop for Sequence<T> {
     fn drop(&mut self) {
         self.clear();
@@ -256,6 +267,15 @@ mod tests {
         sequence.resize(50, "x".into());
         vec.resize(50, "x".into());
         assert_eq!(&*sequence, &*vec);
+    }
+
+    #[test]
+    fn assigning_replaces_what_was_there() {
+        let mut sequence = Sequence::from(vec![9u16; 3]);
+        sequence.assign(&[1, 2, 3, 4, 5]);
+        assert_eq!(&*sequence, [1, 2, 3, 4, 5]);
+        sequence.assign(&[]);
+        assert!(sequence.is_empty());
     }
 
     #[test]

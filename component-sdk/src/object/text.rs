@@ -21,8 +21,7 @@ impl Text {
 
     /// Replaces the contents.
     pub fn set(&mut self, text: &str) {
-        self.0.clear();
-        self.0.extend_from_slice(text.as_bytes());
+        self.0.assign(text.as_bytes());
     }
 
     /// The text.

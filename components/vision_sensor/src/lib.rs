@@ -98,8 +98,7 @@ fn fill(image: &mut Image, frame: &Frame<'_>) {
     (image.width, image.height, image.step) = (frame.width, frame.height, frame.width * 3);
     image.encoding.set("rgb8");
     image.is_bigendian = 0;
-    image.data.clear();
-    image.data.extend_from_slice(frame.pixels);
+    image.data.assign(frame.pixels);
 }
 
 export_components!(VisionSensor);

@@ -1,5 +1,5 @@
 //! The one place where plugin code is entered: on a fiber, with the slot's name set for logs, and with an outcome that
-//! is either "done" or a [`Fault`].
+//! is either "done" or a [`Fault`](crate::model::fault::Fault).
 
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 

@@ -1,7 +1,7 @@
 //! A fault event: what joins detection, which sits low, and handling, which sits high. Plain data.
 //!
-//! Everything in [`Fault`] is `Copy` and of fixed size, because it is put together on the recovery path, where nothing
-//! allocates; [`FaultEvent`] is made from it afterwards.
+//! Everything in [`Fault`](crate::model::fault::Fault) is `Copy` and of fixed size, because it is put together on the recovery path, where nothing
+//! allocates; [`FaultEvent`](crate::model::fault::FaultEvent) is made from it afterwards.
 
 use std::fmt;
 

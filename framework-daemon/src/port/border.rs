@@ -1,6 +1,6 @@
 //! Where plugins' port calls arrive: handles become safe calls.
 //!
-//! A handle is the address of a [`Binding`]: one instance's access to one port of its slot. A binding is closed when its
+//! A handle is the address of a [`Binding`](crate::port::border::Binding): one instance's access to one port of its slot. A binding is closed when its
 //! instance is replaced and freed only when the instance was destroyed in order, so that a handle never dangles.
 #![allow(unsafe_code, reason = "address of unsafe: a handle is an address that the daemon gave out")]
 

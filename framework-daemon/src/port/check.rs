@@ -1,7 +1,7 @@
 //! Range checks on the values of a port or connection, compiled from `<validity>` at load: an offset load and two
 //! comparisons each.
 //!
-//! What a check finds is kept for the thread until its callback returns ([`take_report`]): the writer's callback runs on
+//! What a check finds is kept for the thread until its callback returns ([`take_report`](crate::port::check::take_report)): the writer's callback runs on
 //! this thread, and the writer is to blame for what it wrote.
 
 use std::cell::Cell;

@@ -1,6 +1,6 @@
 //! A callback runs on a fiber: a stack of its own, resumed by its executor thread.
 //!
-//! A trap makes the fiber return to its executor ([`super::trap`]); its stack is put aside whole, never resumed, unwound
+//! A trap makes the fiber return to its executor ([`crate::sys::trap`]); its stack is put aside whole, never resumed, unwound
 //! or freed, so no frame is deallocated under a destructor. `siglongjmp` over Rust frames was measured as fast and is
 //! undefined for that very reason.
 #![allow(unsafe_code, reason = "address of unsafe: stacks, and closures that cross to them")]

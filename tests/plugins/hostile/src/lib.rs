@@ -1,0 +1,105 @@
+//! Components that fail on purpose, where and how their properties say.
+//!
+//! Faults in `on_execute` are provoked by the SDK's shim; these are for all other callbacks, for constructors and drops.
+#![allow(unsafe_code, reason = "faults on purpose")]
+
+use component_sdk::prelude::*;
+
+/// Fails in one of its callbacks, once in a process, or each time.
+#[derive(Component)]
+#[component(name = "Doomed", version = "1.0", periodic = "5ms")]
+pub struct Doomed {
+    /// In which callback.
+    #[property(default = "none")]
+    hook: String,
+    /// `panic`, `segv`, `error`.
+    #[property(default = "panic")]
+    how: String,
+    /// Fails in its third `on_execute` first, so that the callbacks after a fault are reached.
+    #[property(default = false)]
+    bait: bool,
+    cycles: u64,
+}
+
+impl Doomed {
+    fn visit(&self, hook: &str) -> Outcome {
+        if self.hook == hook { fail(&self.how) } else { Ok(()) }
+    }
+}
+
+fn fail(how: &str) -> Outcome {
+    match how {
+        "panic" => panic!("doomed"),
+        "segv" => {
+            // SAFETY: none; the write faults, which is its purpose.
+            unsafe { std::hint::black_box(24 as *mut u32).write_volatile(1) };
+            Ok(())
+        }
+        _ => Err(fault!("doomed")),
+    }
+}
+
+impl Callbacks for Doomed {
+    fn initialize(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.visit("initialize")
+    }
+    fn start(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.visit("start")
+    }
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.cycles += 1;
+        match (self.bait && self.cycles == 3, self.hook.as_str()) {
+            // A trap leads to `recover`, a panic to `on_error` and `reset`.
+            (true, "recover") => fail("segv"),
+            (true, _) => fail("panic"),
+            _ => self.visit("execute"),
+        }
+    }
+    fn update(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.visit("update")
+    }
+    fn stop(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.visit("stop")
+    }
+    fn destroy(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.visit("destroy")
+    }
+    fn on_error(&mut self, _: &mut Context<'_>, _: &FaultInfo<'_>) -> Outcome {
+        self.visit("error")
+    }
+    fn reset(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.visit("reset")
+    }
+    fn recover(&mut self, _: &mut Context<'_>, _: &FaultInfo<'_>) -> Outcome {
+        self.visit("recover")
+    }
+}
+
+impl Drop for Doomed {
+    fn drop(&mut self) {
+        if self.hook == "drop" {
+            let _ = fail(&self.how);
+        }
+    }
+}
+
+/// Fails in its constructor, on a part that is built by `Default`.
+#[derive(Component)]
+#[component(name = "Stillborn", version = "1.0", passive)]
+pub struct Stillborn {
+    #[allow(dead_code, reason = "its constructor is what matters")]
+    part: Part,
+}
+
+struct Part;
+
+impl Default for Part {
+    fn default() -> Self {
+        let _ = fail("segv");
+        Self
+    }
+}
+
+impl Callbacks for Stillborn {}
+
+export_components!(Doomed, Stillborn);

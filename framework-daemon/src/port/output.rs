@@ -181,3 +181,84 @@ fn deliver_one(link: &Link, sample: &Sample, now_ns: u64) -> bool {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use component_sdk::abi::payload::ReadMode;
+    use component_sdk::object::CommObject;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::profile::plan::Queue;
+
+    fn connected(readers: usize) -> (OutPort, Vec<Arc<InPort>>) {
+        let out = OutPort::new("out", u64::DESCRIPTOR, Checks::default());
+        let input = |_| Arc::new(InPort::new("in", u64::DESCRIPTOR, Queue::Last, Checks::default()));
+        let inputs: Vec<_> = (0..readers).map(input).collect();
+        let link = |target: &Arc<InPort>| Link { target: Arc::clone(target), checks: Arc::default() };
+        out.connect(inputs.iter().map(link).collect());
+        (out, inputs)
+    }
+
+    #[allow(unsafe_code, reason = "the test plays the plugin, which writes and reads through the pointer")]
+    fn write(out: &OutPort, number: u64) -> *mut u8 {
+        let lent = out.loan();
+        // SAFETY: the block on loan is for one u64.
+        unsafe { lent.value.cast::<u64>().write(number) };
+        assert_eq!(out.publish(lent.value), Sent::Ok);
+        lent.value
+    }
+
+    #[allow(unsafe_code, reason = "as above")]
+    fn read(input: &InPort) -> u64 {
+        // SAFETY: a block that was published holds a u64.
+        unsafe { *input.read(ReadMode::Newest).value.cast::<u64>() }
+    }
+
+    #[test]
+    fn a_block_that_nobody_holds_is_lent_again_with_its_contents() {
+        let (out, inputs) = connected(1);
+        let used: std::collections::HashSet<_> = (0..100)
+            .map(|number| {
+                let block = write(&out, number);
+                assert_eq!(read(&inputs[0]), number);
+                block
+            })
+            .collect();
+        assert!(used.len() <= inputs[0].capacity() + SPARE_BLOCKS, "{} blocks", used.len());
+        assert!(out.loan().initialised);
+    }
+
+    #[test]
+    fn what_a_trapped_callback_left_on_loan_is_never_lent_again() {
+        let (out, _inputs) = connected(1);
+        let lost = out.loan().value;
+        let others: Vec<_> = (0..20).map(|number| write(&out, number)).collect();
+        assert!(!others.contains(&lost));
+        assert_eq!(out.publish(lost), Sent::Closed);
+    }
+
+    proptest! {
+        /// Whatever is written in between, a reader that does not read again keeps what it looks at.
+        #[test]
+        fn a_block_that_is_looked_at_is_not_overwritten(writes in prop::collection::vec((0..3usize, 1..5u64), 1..60)) {
+            let (out, inputs) = connected(3);
+            write(&out, 0);
+            let mut seen: Vec<_> = inputs.iter().map(|input| (input.read(ReadMode::Newest), 0)).collect();
+            let mut number = 0;
+            for (reader, count) in writes {
+                for _ in 0..count {
+                    number += 1;
+                    write(&out, number);
+                }
+                seen[reader] = (inputs[reader].read(ReadMode::Newest), number);
+                for (result, expected) in &seen {
+                    #[allow(unsafe_code, reason = "the reader looks at what it was lent")]
+                    // SAFETY: not read again since, so the block is still held.
+                    let value = unsafe { *result.value.cast::<u64>() };
+                    prop_assert_eq!(value, *expected);
+                }
+            }
+        }
+    }
+}

@@ -4,8 +4,17 @@ use serde_json::Value;
 use tests::profiles::{Profiles, application, slot};
 use tests::running::Running;
 
-const SYMPTOMS: [&str; 8] =
-    ["crash.panic", "crash.segv", "crash.bus", "crash.fpe", "crash.ill", "crash.abort", "crash.stack", "error"];
+const SYMPTOMS: [&str; 9] = [
+    "crash.panic",
+    "crash.segv",
+    "crash.bus",
+    "crash.fpe",
+    "crash.ill",
+    "crash.abort",
+    "crash.stack",
+    "error",
+    "crash.exit",
+];
 
 fn rules(inside: &str) -> String {
     format!("<fault_tolerance>{inside}</fault_tolerance>")
@@ -50,7 +59,7 @@ fn every_symptom_is_contained_and_the_slot_recovers() {
     }
     let slots = daemon.stop();
     let of = |name: &str| slots.iter().find(|slot| slot["slot"] == name).unwrap().clone();
-    assert_eq!(of("ticker")["quarantined"], 6, "six symptoms lose the instance");
+    assert_eq!(of("ticker")["quarantined"], 7, "seven symptoms lose the instance");
     assert_eq!((of("ticker")["state"].as_str(), of("diary")["faults"].as_u64()), (Some("active"), Some(0)));
 }
 

@@ -8,7 +8,7 @@ use super::host;
 use crate::component::Outcome;
 
 /// What can be provoked; the number is what crosses the border.
-pub const INJECTIONS: [(&str, u8); 8] = [
+pub const INJECTIONS: [(&str, u8); 9] = [
     ("crash.panic", 1),
     ("crash.segv", 2),
     ("crash.bus", 3),
@@ -17,6 +17,7 @@ pub const INJECTIONS: [(&str, u8); 8] = [
     ("crash.abort", 6),
     ("crash.stack", 7),
     ("error", 8),
+    ("crash.exit", 9),
 ];
 
 /// The number of a symptom that can be provoked.
@@ -36,6 +37,7 @@ pub(super) fn provoke(code: u8) -> Outcome {
         5 => raw::ill(),
         6 => std::process::abort(),
         7 => _ = black_box(overflow(1)),
+        9 => std::process::exit(3),
         _ => return Err(crate::fault!("injected error")),
     }
     Ok(())

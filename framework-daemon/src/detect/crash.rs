@@ -9,6 +9,7 @@ use crate::sys::trap::Trap;
 #[must_use]
 pub const fn of_trap(trap: &Trap) -> Symptom {
     match trap.evidence.signal {
+        _ if trap.exited => Symptom::CrashExit,
         libc::SIGSEGV if trap.stack_overflow => Symptom::CrashStack,
         libc::SIGBUS => Symptom::CrashBus,
         libc::SIGFPE => Symptom::CrashFpe,
@@ -38,6 +39,7 @@ mod tests {
         let trap = |signal, stack_overflow| Trap {
             evidence: TrapEvidence { signal, address: 0, pc: 0, sp: 0 },
             stack_overflow,
+            exited: signal == 0,
             at_ns: 0,
         };
         let seen =
@@ -45,5 +47,6 @@ mod tests {
         use Symptom::{CrashAbort, CrashBus, CrashFpe, CrashIll, CrashSegv, CrashStack};
         assert_eq!(seen, [CrashSegv, CrashBus, CrashFpe, CrashIll, CrashAbort]);
         assert_eq!(of_trap(&trap(libc::SIGSEGV, true)), CrashStack);
+        assert_eq!(of_trap(&trap(0, false)), Symptom::CrashExit);
     }
 }

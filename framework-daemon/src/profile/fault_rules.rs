@@ -18,8 +18,7 @@ use crate::model::limits;
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
 /// Symptoms that no detector reports yet.
-const NOT_DETECTED: [Symptom; 10] = [
-    Symptom::CrashExit,
+const NOT_DETECTED: [Symptom; 9] = [
     Symptom::Hang,
     Symptom::Overrun,
     Symptom::Rate,

@@ -23,6 +23,8 @@ pub struct Trap {
     pub evidence: TrapEvidence,
     /// The access hit the guard page below the fiber's stack.
     pub stack_overflow: bool,
+    /// The component called `exit` or one of its kin.
+    pub exited: bool,
     /// When the handler was entered.
     pub at_ns: u64,
 }
@@ -37,6 +39,7 @@ pub struct Armed {
 thread_local! {
     // `const` and without destructor: the handler may read it at any moment.
     static ARMED: Cell<Option<Armed>> = const { Cell::new(None) };
+    static EXITING: Cell<bool> = const { Cell::new(false) };
 }
 
 /// Bytes above the lower end of a stack that count as its guard: one page.
@@ -56,6 +59,25 @@ pub(super) fn disarm(before: Option<Armed>) {
 #[must_use]
 pub fn on_fiber() -> bool {
     ARMED.get().is_some()
+}
+
+/// Sends SIGABRT to this thread; returns only where nobody handles it.
+pub fn raise_abort() {
+    // SAFETY: the set is initialised by `sigemptyset`; the system calls take no other memory and are directed at this
+    // thread. It is unblocked first: a plugin may have masked it.
+    unsafe {
+        let mut set: libc::sigset_t = std::mem::zeroed();
+        libc::sigemptyset(&raw mut set);
+        libc::sigaddset(&raw mut set, libc::SIGABRT);
+        libc::pthread_sigmask(libc::SIG_UNBLOCK, &raw const set, std::ptr::null_mut());
+        libc::syscall(libc::SYS_tgkill, libc::getpid(), libc::gettid(), libc::SIGABRT);
+    }
+}
+
+/// Ends the fiber of this thread because its component called `exit`.
+pub fn raise_exit() {
+    EXITING.set(true);
+    raise_abort();
 }
 
 static PREVIOUS: [AtomicPtr<libc::sigaction>; SIGNALS.len()] =
@@ -92,12 +114,13 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     let (pc, sp) = registers::position(context);
     match ARMED.get() {
         Some(armed) if armed.handler.stack_ptr_in_bounds(sp) => {
-            // SAFETY: each of these signals carries an address; for SIGABRT it is without meaning.
-            let address = unsafe { info.si_addr() } as usize;
+            // SAFETY: all of these signals but SIGABRT carry an address.
+            let address = if signal == libc::SIGABRT { 0 } else { unsafe { info.si_addr() }.addr() };
             let guard = armed.stack_low..armed.stack_low + GUARD_BYTES;
             let trap = Trap {
                 evidence: TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 },
                 stack_overflow: signal == libc::SIGSEGV && guard.contains(&address),
+                exited: EXITING.replace(false),
                 at_ns,
             };
             // SAFETY: the interrupted stack pointer lies in this fiber, which is alive: it is armed only while it

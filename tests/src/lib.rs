@@ -1,5 +1,8 @@
 //! Harness of the black-box tests: start the daemon, wait until it is ready, talk to it.
 
+/// Benchmarks.
+pub mod bench;
+
 /// Where the daemon's binary is.
 pub mod daemon_binary;
 

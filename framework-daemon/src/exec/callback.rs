@@ -11,7 +11,7 @@ use crate::plugin::host;
 use crate::port::check;
 use crate::sys::clock;
 use crate::sys::fiber::{Ended, FiberPool};
-use crate::sys::trap::Trap;
+use crate::sys::trap;
 
 /// What a callback is entered with.
 #[derive(Clone, Copy)]
@@ -100,16 +100,17 @@ fn guarded(
     let _ = check::take_report();
     match fibers.run(stack_bytes, closure) {
         Ok(Ended::Returned) => Ok(()),
-        Ok(Ended::Trapped(trap)) => Err(trapped(&trap)),
+        Ok(Ended::Trapped) => Err(trapped()),
         Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
     }
 }
 
-fn trapped(trap: &Trap) -> Fault {
+fn trapped() -> Fault {
+    let Some(trap) = trap::take() else { return told(Symptom::CrashSegv, "a trap that left no trace") };
     // Whatever the callback had told before it trapped is not the reason.
     let injected = forget_notes();
     Fault {
-        symptom: crash::of_trap(trap),
+        symptom: crash::of_trap(&trap),
         at_ns: injected.unwrap_or(trap.at_ns),
         detected_ns: clock::now_ns(),
         injected: injected.is_some(),

@@ -5,32 +5,41 @@
 //! undefined for that very reason.
 #![allow(unsafe_code, reason = "address of unsafe: stacks, and closures that cross to them")]
 
+use std::cell::{Cell, OnceCell};
 use std::mem::ManuallyDrop;
+use std::rc::Rc;
 
 use corosensei::stack::{DefaultStack, Stack};
 use corosensei::{Coroutine, CoroutineResult};
 
-use super::trap::{self, Trap};
+use super::trap::{self, Armed};
 
-/// A closure on its way to the fiber; the pointer lives as long as the call of [`Fiber::run`].
-#[derive(Clone, Copy)]
-struct Job(*mut dyn FnMut());
+/// A closure on its way to the fiber: one thin pointer to the borrow that [`Fiber::run`] holds. Wider values on this way
+/// are written as halves and read as a whole, which stalls the processor for longer than the switch itself takes.
+type Job = *mut &'static mut dyn FnMut();
+
+/// What a fiber and its executor share.
+struct Core {
+    armed: OnceCell<Armed>,
+    job: Cell<Job>,
+}
 
 /// A stack and what runs on it. Runs one closure after the other.
 pub struct Fiber {
-    coroutine: ManuallyDrop<Coroutine<Option<Job>, (), Option<Trap>>>,
+    coroutine: ManuallyDrop<Coroutine<(), (), ()>>,
+    core: Rc<Core>,
     low: usize,
     high: usize,
     usable: bool,
 }
 
-/// How a closure on a fiber ended.
-#[derive(Debug)]
+/// How a closure on a fiber ended. Small, because it is returned from every callback.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
     /// It returned.
     Returned,
-    /// A trap ended it, and the fiber with it.
-    Trapped(Trap),
+    /// A trap ended it, and the fiber with it; [`trap::take`] tells which.
+    Trapped,
 }
 
 impl Fiber {
@@ -41,15 +50,21 @@ impl Fiber {
     pub fn new(stack_bytes: usize) -> std::io::Result<Self> {
         let stack = DefaultStack::new(stack_bytes)?;
         let (low, high) = (stack.limit().get(), stack.base().get());
-        let coroutine = Coroutine::with_stack(stack, |yielder, mut next: Option<Job>| {
-            while let Some(job) = next {
-                // SAFETY: `run` passes a pointer to a closure that it borrows until this suspends.
-                unsafe { (*job.0)() };
-                next = yielder.suspend(());
+        let core = Rc::new(Core { armed: OnceCell::new(), job: Cell::new(std::ptr::null_mut()) });
+        let shared = Rc::clone(&core);
+        let coroutine = Coroutine::with_stack(stack, move |yielder, ()| {
+            loop {
+                let job = shared.job.get();
+                if job.is_null() {
+                    return;
+                }
+                // SAFETY: `run` sets a pointer to a borrow that it holds until this suspends.
+                unsafe { (*job)() };
+                yielder.suspend(());
             }
-            None
         });
-        Ok(Self { coroutine: ManuallyDrop::new(coroutine), low, high, usable: true })
+        core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low));
+        Ok(Self { coroutine: ManuallyDrop::new(coroutine), core, low, high, usable: true })
     }
 
     /// Runs `closure` on the fiber until it returns or traps.
@@ -62,15 +77,16 @@ impl Fiber {
         assert!(self.usable, "a fiber that trapped is never resumed");
         // SAFETY: only the lifetime changes; the closure is borrowed until `resume` returns, and the fiber never
         // touches it later: it asks for the next job, or it is spent.
-        let job = Job(unsafe { std::mem::transmute::<*mut dyn FnMut(), *mut (dyn FnMut() + 'static)>(closure) });
-        let armed = trap::arm(self.coroutine.trap_handler(), self.low);
-        let result = self.coroutine.resume(Some(job));
-        trap::disarm(armed);
+        let mut borrow = unsafe { std::mem::transmute::<&mut dyn FnMut(), &'static mut dyn FnMut()>(closure) };
+        self.core.job.set(&raw mut borrow);
+        self.core.armed.get().inspect(|armed| trap::arm(armed));
+        let result = self.coroutine.resume(());
+        trap::disarm();
         match result {
             CoroutineResult::Yield(()) => Ended::Returned,
-            CoroutineResult::Return(trap) => {
+            CoroutineResult::Return(()) => {
                 self.usable = false;
-                trap.map_or(Ended::Returned, Ended::Trapped)
+                Ended::Trapped
             }
         }
     }
@@ -83,14 +99,15 @@ impl Fiber {
 
     /// Gives the pages of a spent stack back and makes its range inaccessible; the addresses are never used again,
     /// because a thread that the component started may still hold some.
+    ///
+    /// A fresh mapping over the range, not `madvise` and `mprotect`: those keep what makes the kernel hold the ranges
+    /// apart, and 20,000 graves would reach its limit of mappings. Fresh ones merge into one.
     fn entomb(&self) {
         let (start, len) = (std::ptr::without_provenance_mut(self.low), self.high - self.low);
+        let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE | libc::MAP_FIXED;
         // SAFETY: the range is exactly the mapping that `DefaultStack` made for this fiber, which nothing runs on any
         // more and nobody frees: the coroutine is never dropped.
-        unsafe {
-            libc::madvise(start, len, libc::MADV_DONTNEED);
-            libc::mprotect(start, len, libc::PROT_NONE);
-        }
+        unsafe { libc::mmap(start, len, libc::PROT_NONE, flags, -1, 0) };
     }
 }
 
@@ -98,7 +115,8 @@ impl Drop for Fiber {
     fn drop(&mut self) {
         if self.usable {
             // Its loop ends by itself; only then may its stack be freed.
-            self.coroutine.resume(None);
+            self.core.job.set(std::ptr::null_mut());
+            self.coroutine.resume(());
             // SAFETY: dropped once, here, and not used afterwards.
             unsafe { ManuallyDrop::drop(&mut self.coroutine) };
         } else {

@@ -31,34 +31,48 @@ pub struct Trap {
 
 /// A fiber that runs on this thread: what the handler needs to end it.
 #[derive(Clone, Copy)]
-pub struct Armed {
-    handler: CoroutineTrapHandler<Option<Trap>>,
+pub(super) struct Armed {
+    handler: CoroutineTrapHandler<()>,
     stack_low: usize,
+}
+
+impl Armed {
+    /// Of the fiber of that handler, with the lower end of its stack.
+    pub(super) const fn new(handler: CoroutineTrapHandler<()>, stack_low: usize) -> Self {
+        Self { handler, stack_low }
+    }
 }
 
 thread_local! {
     // `const` and without destructor: the handler may read it at any moment.
-    static ARMED: Cell<Option<Armed>> = const { Cell::new(None) };
+    static ARMED: Cell<*const Armed> = const { Cell::new(std::ptr::null()) };
     static EXITING: Cell<bool> = const { Cell::new(false) };
+    static TRAP: Cell<Option<Trap>> = const { Cell::new(None) };
 }
 
 /// Bytes above the lower end of a stack that count as its guard: one page.
 const GUARD_BYTES: usize = 4096;
 
-/// Says that the fiber runs on this thread from now on; returns what was armed before.
-pub(super) fn arm(handler: CoroutineTrapHandler<Option<Trap>>, stack_low: usize) -> Option<Armed> {
-    ARMED.replace(Some(Armed { handler, stack_low }))
+/// Says that the fiber runs on this thread from now on. Fibers do not nest.
+pub(super) fn arm(fiber: &Armed) {
+    ARMED.set(fiber);
 }
 
 /// Says that the fiber returned.
-pub(super) fn disarm(before: Option<Armed>) {
-    ARMED.set(before);
+pub(super) fn disarm() {
+    ARMED.set(std::ptr::null());
+}
+
+/// The trap that ended a fiber of this thread since the last call.
+#[must_use]
+pub fn take() -> Option<Trap> {
+    TRAP.take()
 }
 
 /// True while plugin code runs on this thread.
 #[must_use]
 pub fn on_fiber() -> bool {
-    ARMED.get().is_some()
+    !ARMED.get().is_null()
 }
 
 /// Sends SIGABRT to this thread; returns only where nobody handles it.
@@ -112,23 +126,23 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     // SAFETY: the kernel passes valid pointers for the time of the call (SA_SIGINFO).
     let (info, context) = unsafe { (&mut *info, &mut *context.cast::<libc::ucontext_t>()) };
     let (pc, sp) = registers::position(context);
-    match ARMED.get() {
-        Some(armed) if armed.handler.stack_ptr_in_bounds(sp) => {
-            // SAFETY: all of these signals but SIGABRT carry an address.
-            let address = if signal == libc::SIGABRT { 0 } else { unsafe { info.si_addr() }.addr() };
-            let guard = armed.stack_low..armed.stack_low + GUARD_BYTES;
-            let trap = Trap {
-                evidence: TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 },
-                stack_overflow: signal == libc::SIGSEGV && guard.contains(&address),
-                exited: EXITING.replace(false),
-                at_ns,
-            };
-            // SAFETY: the interrupted stack pointer lies in this fiber, which is alive: it is armed only while it
-            // runs. All registers that the trap handler names are set, and the handler returns.
-            unsafe { registers::redirect(context, &armed.handler.setup_trap_handler(move || Some(trap))) };
-        }
-        _ => chain(signal, info, context),
-    }
+    // SAFETY: a fiber is armed only while it runs, borrowed by this very thread.
+    let armed = unsafe { ARMED.get().as_ref() };
+    let Some(armed) = armed.filter(|armed| armed.handler.stack_ptr_in_bounds(sp)) else {
+        return chain(signal, info, context);
+    };
+    // SAFETY: all of these signals but SIGABRT carry an address.
+    let address = if signal == libc::SIGABRT { 0 } else { unsafe { info.si_addr() }.addr() };
+    let guard = armed.stack_low..armed.stack_low + GUARD_BYTES;
+    TRAP.set(Some(Trap {
+        evidence: TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 },
+        stack_overflow: signal == libc::SIGSEGV && guard.contains(&address),
+        exited: EXITING.replace(false),
+        at_ns,
+    }));
+    // SAFETY: the interrupted stack pointer lies in this fiber, which is alive: it is armed only while it runs. All
+    // registers that the trap handler names are set, and the handler returns.
+    unsafe { registers::redirect(context, &armed.handler.setup_trap_handler(|| ())) };
 }
 
 /// Not ours: the previous handler's turn, or the default: the process ends by this signal.
@@ -215,10 +229,8 @@ mod tests {
         super::install();
         let _stack = SignalStack::new();
         let mut fiber = Fiber::new(64 << 10).unwrap();
-        match fiber.run(&mut closure) {
-            Ended::Trapped(trap) => trap,
-            Ended::Returned => panic!("no trap"),
-        }
+        assert_eq!(fiber.run(&mut closure), Ended::Trapped);
+        super::take().expect("the handler tells what it saw")
     }
 
     #[test]

@@ -2,14 +2,17 @@
 
 use std::io::Write;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, after, never, select};
 use serde_json::{Map, Value, json};
 
+use crate::exec::slot::Slot;
 use crate::fault::journal::Journal;
 use crate::fault::manager::{self, Manager, SharedJournal};
+use crate::model::lifecycle::State;
 use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP};
 use crate::profile::diagnostic::Diagnostic;
 use crate::profile::load;
@@ -83,7 +86,8 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<(), RunError> {
         BootError::Failed(reasons) => RunError::Failed(reasons),
     })?;
     note(&journal, "start", &json!({"directory": settings.directory, "slots": system.slots.len()}));
-    announce(&system, out)?;
+    // Nobody may be listening any more; the robot runs all the same.
+    let _ = announce(&system, out);
     let pending = sorted(&settings.injections);
     Daemon { settings, system, journal, manager, began: Instant::now(), pending }.serve(&requests);
     Ok(())
@@ -135,6 +139,8 @@ impl Daemon<'_> {
                 self.pending.last().map_or_else(never, |next| after(next.after.saturating_sub(self.began.elapsed())));
             select! {
                 recv(requests) -> request => match request {
+                    // Many reloads at once are one, and a stop among them wins.
+                    Ok(Request::Reload) if requests.try_iter().any(|other| other == Request::Stop) => break,
                     Ok(Request::Reload) => self.reload(),
                     Ok(Request::Stop) | Err(_) => break,
                 },
@@ -146,7 +152,10 @@ impl Daemon<'_> {
 
     fn inject(&mut self) {
         let Some(Injection { slot, code, .. }) = self.pending.pop() else { return };
-        let Some(placed) = self.system.slot(&slot) else { return };
+        let Some(placed) = self.system.slot(&slot) else {
+            tracing::warn!("no fault was provoked in slot {slot}: it is gone");
+            return;
+        };
         match placed.executor.inject(placed.member, code, BOOT_STEP) {
             Ok(true) => tracing::info!("fault {code} will be provoked in slot {slot}"),
             Ok(false) => tracing::warn!("no fault was provoked in slot {slot}: it is not running"),
@@ -184,20 +193,20 @@ impl Daemon<'_> {
     }
 
     fn stop(self) {
-        let slots: Vec<Value> = self
-            .system
-            .slots
-            .iter()
-            .map(|placed| {
-                let status = &placed.slot.status;
-                let count = |counter: &std::sync::atomic::AtomicU64| counter.load(std::sync::atomic::Ordering::Relaxed);
-                json!({"slot": placed.slot.name, "class": status.class(), "state": status.state(),
-                "cycles": count(&status.cycles), "missed": count(&status.missed), "faults": count(&status.faults),
-                "quarantined": count(&status.quarantined), "longest_ns": count(&status.longest_ns)})
-            })
-            .collect();
+        let ending = self.system.slots.iter().map(|placed| &placed.slot);
+        let ending: Vec<_> = ending.map(|slot| (Arc::clone(slot), slot.status.state())).collect();
         shutdown(self.system);
         self.manager.finish(SHUTDOWN_STEP);
+        // Counters with what the way out added, states as they were before it.
+        let slots: Vec<Value> = ending.iter().map(|(slot, state)| summary(slot, *state)).collect();
         note(&self.journal, "stop", &json!({"slots": slots}));
     }
+}
+
+fn summary(slot: &Slot, state: State) -> Value {
+    let status = &slot.status;
+    let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+    json!({"slot": slot.name, "class": status.class(), "state": state, "cycles": count(&status.cycles),
+        "missed": count(&status.missed), "faults": count(&status.faults),
+        "quarantined": count(&status.quarantined), "longest_ns": count(&status.longest_ns)})
 }

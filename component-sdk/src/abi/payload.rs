@@ -1,7 +1,8 @@
 //! Objects crossing the border: blocks that the daemon owns and whose contents only plugin code builds and drops.
 //!
 //! The writer's code drops a block's old contents when it fills the block anew. So the glue that frees a plugin's memory
-//! always runs in a guarded callback of a plugin, never in the daemon and never in a reader.
+//! runs in a guarded callback of a plugin. (What is left in the blocks of a port that is removed is freed by description,
+//! by whoever held it last.)
 #![allow(unsafe_code, reason = "address of unsafe: typed access to the daemon's blocks")]
 
 use std::marker::PhantomData;

@@ -80,7 +80,13 @@ pub fn main() -> ExitCode {
         Verb::Completions(arguments) => completions::run(&arguments, &mut out),
         Verb::Man => man::run(&mut out),
     };
-    exit_of(result.and_then(|exit| out.flush().map(|()| exit))).into()
+    let flushed = out.flush();
+    exit_of(result.and_then(|exit| match flushed {
+        // A reader that has seen enough changes nothing about what was found.
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error),
+        _ => Ok(exit),
+    }))
+    .into()
 }
 
 /// A reader that has seen enough (`| head`) is no failure.

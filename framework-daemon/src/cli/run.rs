@@ -9,6 +9,8 @@ use component_sdk::abi::inject::{self, INJECTIONS};
 
 use super::exit_code::Exit;
 use crate::daemon::{self, Injection, RunError, Settings};
+use crate::model::limits::SHUTDOWN_STEP;
+use crate::sys::log_ring::{self, Lines};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --plugins target/release\n  \
      framework-daemon run profiles/navigation --inject avoider:crash.segv@5\n\n\
@@ -44,6 +46,7 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> io::Result<Exit> {
     let settings =
         Settings { directory, plugins, journal: journal.unwrap_or_else(default_journal), injections: inject };
     let result = daemon::run(&settings, out);
+    log_ring::flush(SHUTDOWN_STEP);
     let mut err = io::stderr();
     match result {
         Ok(()) => Ok(Exit::Done),
@@ -65,8 +68,8 @@ fn start_log() {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env();
     let filter = filter.unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
     let ansi = io::IsTerminal::is_terminal(&io::stderr());
-    let log =
-        tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).with_ansi(ansi).with_target(false);
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(|| Lines).with_ansi(ansi);
+    let log = log.with_target(false).log_internal_errors(false);
     // A second start in one process (tests) keeps the first.
     let _ = log.try_init();
 }

@@ -4,10 +4,11 @@
 //! nonperiodic members that its data woke; then `update` of all that ran; then a wait on absolute time.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, Sender};
+use crossbeam_channel::{Receiver, SendError, Sender};
 
 use super::member::{Crew, Member, nanoseconds};
 use super::trigger::Bell;
@@ -36,6 +37,8 @@ pub struct Executor {
     bell: Arc<Bell>,
     commands: Sender<Command>,
     thread: Option<JoinHandle<()>>,
+    schedule: Schedule,
+    stuck: AtomicBool,
 }
 
 /// The executor did not answer in time: a callback does not return.
@@ -53,10 +56,25 @@ impl Executor {
         let bell = Bell::new();
         let own = Arc::clone(&bell);
         let title = name.to_owned();
+        let kept = schedule.clone();
         let refused = move |reason: &str| tracing::warn!("executor {title}: {reason}");
         let body = move || Run::new(own, inbox, faults).until_quit();
         let thread = thread::spawn_guarded(name, schedule, refused, body)?;
-        Ok(Self { name: name.to_owned(), bell, commands, thread: Some(thread) })
+        Ok(Self {
+            name: name.to_owned(),
+            bell,
+            commands,
+            thread: Some(thread),
+            schedule: kept,
+            stuck: AtomicBool::new(false),
+        })
+    }
+
+    /// True while it can take new members: it answers, and its thread is scheduled as wanted. A thread keeps its schedule
+    /// for life.
+    #[must_use]
+    pub fn serves(&self, schedule: &Schedule) -> bool {
+        self.schedule == *schedule && !self.stuck.load(Ordering::Relaxed)
     }
 
     /// What wakes it: for the signals of its members.
@@ -116,10 +134,14 @@ impl Executor {
     }
 
     fn ask<T>(&self, limit: Duration, command: impl FnOnce(Sender<T>) -> Command) -> Result<T, Stuck> {
+        // Once it did not answer, nobody waits for it again: a shutdown would take a time-out for each of its slots.
+        let limit = if self.stuck.load(Ordering::Relaxed) { Duration::from_millis(1) } else { limit };
         let (reply, answer) = crossbeam_channel::bounded(1);
         self.commands.send(command(reply)).map_err(|_| Stuck)?;
         self.bell.wake();
-        answer.recv_timeout(limit).map_err(|_| Stuck)
+        let answered = answer.recv_timeout(limit).map_err(|_| Stuck);
+        self.stuck.store(answered.is_err(), Ordering::Relaxed);
+        answered
     }
 }
 
@@ -151,7 +173,7 @@ struct Run {
 
 impl Run {
     fn new(bell: Arc<Bell>, inbox: Receiver<Command>, faults: FaultSender) -> Self {
-        let crew = Crew { fibers: FiberPool::default(), faults };
+        let crew = Crew { fibers: FiberPool::default(), faults, lost: false };
         Self { bell, inbox, crew, members: Vec::new(), order: Vec::new(), ran: Vec::new() }
     }
 
@@ -173,15 +195,16 @@ impl Run {
     fn obey(&mut self, command: Command) -> bool {
         // Whoever asked may have given up waiting; the command was carried out all the same.
         match command {
-            Command::Install(member, reply) => _ = reply.send(self.install(member)),
+            Command::Install(member, reply) => {
+                // Whoever asked gave up: what came too late must not stay behind.
+                if let Err(SendError(Ok(number))) = reply.send(self.install(member)) {
+                    self.remove(number);
+                }
+            }
             Command::Start(number, reply) => _ = reply.send(self.with(number, Member::start)),
             Command::Stop(number, reply) => _ = reply.send(self.with(number, Member::stop)),
             Command::Remove(number, reply) => {
-                self.with(number, Member::destroy);
-                if let Some(place) = self.members.get_mut(number) {
-                    *place = None;
-                }
-                self.sort();
+                self.remove(number);
                 _ = reply.send(());
             }
             Command::Rank(ranks, reply) => {
@@ -194,6 +217,10 @@ impl Run {
                 _ = reply.send(());
             }
             Command::Inject(number, code, reply) => _ = reply.send(self.inject(number, code)),
+            // Plugins' thread-local destructors run when a thread ends; after a trap they might meet half-changed state.
+            Command::Quit if self.crew.lost => loop {
+                self.bell.wait_until(None);
+            },
             Command::Quit => return false,
         }
         true
@@ -214,6 +241,14 @@ impl Run {
         Ok(number)
     }
 
+    fn remove(&mut self, number: usize) {
+        self.with(number, Member::destroy);
+        if let Some(place) = self.members.get_mut(number) {
+            *place = None;
+        }
+        self.sort();
+    }
+
     fn with(&mut self, number: usize, act: impl FnOnce(&mut Member, &mut Crew)) -> State {
         match self.members.get_mut(number) {
             Some(Some(member)) => {
@@ -227,7 +262,7 @@ impl Run {
     fn inject(&mut self, number: usize, code: u8) -> bool {
         match self.members.get_mut(number) {
             Some(Some(member)) if member.state() == State::Active && member.trigger != Trigger::Passive => {
-                member.inject = code;
+                member.inject.push_back(code);
                 true
             }
             _ => false,
@@ -293,7 +328,7 @@ impl Run {
         }
         let period = nanoseconds(period);
         let missed = (now_ns - member.next_due_ns) / period;
-        member.slot.status.missed.fetch_add(missed, std::sync::atomic::Ordering::Relaxed);
+        member.slot.status.missed.fetch_add(missed, Ordering::Relaxed);
         member.next_due_ns += (missed + 1) * period;
         true
     }

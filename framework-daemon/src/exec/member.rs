@@ -1,5 +1,6 @@
 //! A slot as its executor sees it: instance, state, rules, standbys. Touched by the executor's thread only.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -22,6 +23,8 @@ pub struct Crew {
     pub fibers: FiberPool,
     /// To the fault manager.
     pub faults: FaultSender,
+    /// An instance trapped on this thread.
+    pub lost: bool,
 }
 
 /// A secondary of the slot.
@@ -56,9 +59,9 @@ pub struct Member {
     pub next_due_ns: u64,
     /// Place in the order of data flow.
     pub rank: u32,
-    /// Fault to provoke in the next `on_execute`; 0: none.
-    pub inject: u8,
-    /// A fault that the instance raised while it was initialised; answered when it is started.
+    /// Faults to provoke, one in each `on_execute`.
+    pub inject: VecDeque<u8>,
+    /// A fault that was raised while the instance was initialised or recovered; answered before it runs on.
     pub early: Option<Box<Fault>>,
 }
 
@@ -142,6 +145,7 @@ impl Member {
     pub fn dispose(&self, unit: Unit, crew: &mut Crew) {
         if !callback::dispose(&mut crew.fibers, self.slot.name, unit) {
             Status::count(&self.slot.status.quarantined);
+            crew.lost = true;
         }
     }
 
@@ -150,15 +154,32 @@ impl Member {
         if !self.step(Event::Start) {
             return;
         }
-        match self.enter(Call::plain(Hook::Start), crew) {
-            Ok(()) => {
-                self.begin();
-                self.answer_side_report(crew);
-            }
+        match self.enter_start(crew) {
+            Ok(()) => self.answer_side_report(crew),
             Err(fault) => self.handle(fault, crew),
         }
-        if let Some(early) = self.early.take() {
-            self.handle(*early, crew);
+        if self.state() == State::Active {
+            self.begin();
+        }
+        self.answer_early(crew);
+    }
+
+    /// `start` of the instance in use.
+    ///
+    /// # Errors
+    /// The fault that ended it.
+    pub(super) fn enter_start(&mut self, crew: &mut Crew) -> Result<(), Fault> {
+        self.enter(Call::plain(Hook::Start), crew)?;
+        self.unit.iter_mut().for_each(|unit| unit.started = true);
+        Ok(())
+    }
+
+    /// What was raised where it could not be answered: answered now, unless the slot has stopped meanwhile.
+    fn answer_early(&mut self, crew: &mut Crew) {
+        match self.early.take() {
+            Some(fault) if self.state() == State::Active => self.handle(*fault, crew),
+            Some(fault) => self.note(*fault, crew),
+            None => {}
         }
     }
 
@@ -177,7 +198,13 @@ impl Member {
 
     /// `on_execute`, with its outcome counted and a fault answered on the spot.
     pub fn execute(&mut self, crew: &mut Crew) {
-        let inject = std::mem::take(&mut self.inject);
+        if self.early.is_some() {
+            self.answer_early(crew);
+            if self.state() != State::Active {
+                return;
+            }
+        }
+        let inject = self.inject.pop_front().unwrap_or(0);
         let queued = self.queued();
         let began = clock::now_ns();
         match self.enter(Call { inject, ..Call::plain(Hook::Execute) }, crew) {

@@ -7,11 +7,12 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crossbeam_queue::ArrayQueue;
 
+use crate::model::limits::SLOTS;
 use crate::port::input::Listener;
 use crate::sys::wake::Waker;
 
-/// Most slots on one executor.
-pub const MEMBERS_MAX: usize = 4096;
+/// Room for every slot of a plan on one executor, and for the numbers of members that left while they were in the queue.
+pub const MEMBERS_MAX: usize = 2 * SLOTS;
 
 /// What others may touch of an executor.
 pub struct Bell {

@@ -45,6 +45,8 @@ pub struct Unit {
     pub stack_bytes: usize,
     /// It trapped: it may never be entered or dropped again.
     pub spent: bool,
+    /// Its `start` went well.
+    pub started: bool,
     bindings: Vec<Arc<Binding>>,
 }
 
@@ -124,6 +126,7 @@ impl Parts {
             class: self.class.name(),
             stack_bytes: self.stack_bytes,
             spent: false,
+            started: false,
             bindings: self.bindings,
         }
     }

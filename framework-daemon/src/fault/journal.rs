@@ -5,6 +5,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -20,6 +21,8 @@ pub struct Journal {
     file: File,
     path: PathBuf,
     sequence: u64,
+    /// The last line is incomplete: the next one must not be glued to it.
+    torn: bool,
 }
 
 impl Journal {
@@ -31,8 +34,13 @@ impl Journal {
         if let Some(directory) = path.parent().filter(|directory| !directory.as_os_str().is_empty()) {
             std::fs::create_dir_all(directory)?;
         }
-        let file = OpenOptions::new().create(true).append(true).open(path)?;
-        Ok(Self { file, path: path.to_owned(), sequence: 0 })
+        // Not blocking: a pipe without a reader would hang here for ever.
+        let file = OpenOptions::new().create(true).append(true).read(true).custom_flags(libc::O_NONBLOCK).open(path)?;
+        if !file.metadata()?.is_file() {
+            return Err(io::Error::other("it is no regular file: name a file with --journal FILE"));
+        }
+        let torn = !ends_with_newline(&file)?;
+        Ok(Self { file, path: path.to_owned(), sequence: 0, torn })
     }
 
     /// Where it is.
@@ -81,8 +89,21 @@ impl Journal {
         object.insert("mono_ns".into(), mono_ns.into());
         object.insert("wall".into(), wall_seconds().into());
         object.extend(fields);
-        self.file.write_all(seal(&object)?.as_bytes())
+        let mut line = seal(&object)?;
+        if self.torn {
+            line.insert(0, '\n');
+        }
+        let result = self.file.write_all(line.as_bytes());
+        self.torn = result.is_err();
+        result
     }
+}
+
+fn ends_with_newline(file: &File) -> io::Result<bool> {
+    let len = file.metadata()?.len();
+    let mut last = [0];
+    let read = if len == 0 { 0 } else { file.read_at(&mut last, len - 1)? };
+    Ok(read == 0 || last == *b"\n")
 }
 
 fn to_value(value: &impl Serialize) -> io::Result<Value> {
@@ -127,6 +148,17 @@ mod tests {
         assert_eq!(unseal(&text).unwrap()["slots"], 3);
         assert!(unseal(&text.replace('3', "4")).is_none());
         assert!(unseal(&text[..text.len() - 4]).is_none());
+    }
+
+    #[test]
+    fn a_torn_line_does_not_spoil_the_next() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("journal.jsonl");
+        std::fs::write(&path, "{\"kind\":\"fault\",\"se").unwrap();
+        Journal::open(&path).unwrap().note("start", Map::new()).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(unseal(text.lines().last().unwrap()).is_some(), "{text}");
+        assert!(Journal::open(directory.path()).is_err());
     }
 
     proptest! {

@@ -5,8 +5,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::Receiver;
+use serde_json::Map;
 
 use super::journal::Journal;
+use crate::exec::recover::lost_events;
 use crate::model::fault::{FaultEvent, FaultSender, Outcome};
 use crate::model::limits::FAULT_EVENTS;
 
@@ -39,7 +41,15 @@ impl Manager {
 }
 
 fn run(inbox: &Receiver<FaultEvent>, journal: &SharedJournal) {
+    let mut lost = 0;
     for event in inbox {
+        let now_lost = lost_events();
+        if now_lost > lost {
+            tracing::error!("{} faults came faster than they could be written down", now_lost - lost);
+            let count = Map::from_iter([("count".into(), (now_lost - lost).into())]);
+            let _ = journal.lock().unwrap_or_else(PoisonError::into_inner).note("lost", count);
+            lost = now_lost;
+        }
         if let Err(error) = journal.lock().unwrap_or_else(PoisonError::into_inner).fault(&event) {
             tracing::error!("the journal cannot be written: {error}");
         }
@@ -62,13 +72,14 @@ fn tell(event: &FaultEvent) {
             );
         }
         Outcome::Stopped => tracing::error!("slot {slot} ({class}): {symptom}: {message}; the slot is stopped"),
+        Outcome::Failed => tracing::error!("slot {slot} ({class}): {symptom}: {message}; its {} failed", action(event)),
         Outcome::Ignored => tracing::info!("slot {slot} ({class}): {symptom}: {message}; ignored, as its rules say"),
     }
 }
 
 fn action(event: &FaultEvent) -> &'static str {
     match event.answer {
-        crate::model::ladder::Answer::Replace => "replaced",
+        crate::model::ladder::Answer::Replace => "replacement",
         _ => "reset",
     }
 }

@@ -153,6 +153,8 @@ pub enum Outcome {
     Stopped,
     /// Nothing was done.
     Ignored,
+    /// It was the fault of a recovery itself; the ladder went on.
+    Failed,
 }
 
 /// Times of the steps, nanoseconds after the fault.

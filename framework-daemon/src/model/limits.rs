@@ -65,6 +65,8 @@ pub const SECONDARIES: usize = 16;
 /// Most spares of one slot.
 pub const SPARES_MAX: u32 = 64;
 
+/// Largest plugin file.
+pub const PLUGIN_FILE_BYTES: u64 = 1 << 30;
 /// Address space of a fiber's stack where the profile says nothing; only touched pages take memory.
 pub const STACK_BYTES: usize = 1 << 20;
 /// Alternate signal stack of each guarded thread; AVX-512 frames are large.
@@ -73,6 +75,8 @@ pub const SIGNAL_STACK_BYTES: usize = 64 << 10;
 pub const TEXT_BYTES: usize = 400;
 /// Log records of components waiting to be written.
 pub const LOG_RECORDS: usize = 1_024;
+/// Lines of the daemon's own log waiting to be written.
+pub const LOG_LINES: usize = 4_096;
 /// Fault events waiting for the fault manager.
 pub const FAULT_EVENTS: usize = 4_096;
 /// Idle fibers that an executor makes room for, for each size of stack.

@@ -19,6 +19,7 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use super::compat::{self, HeaderView};
 use super::image::{self, Image};
+use crate::model::limits::PLUGIN_FILE_BYTES;
 
 /// A loaded plugin.
 pub struct Plugin {
@@ -73,6 +74,9 @@ impl Plugin {
 
     fn try_load(file: &Path, host: &'static HostApi) -> Result<Arc<Self>, String> {
         let stamp = stamp(file).map_err(|error| format!("it cannot be read: {error}"))?;
+        if stamp.0 > PLUGIN_FILE_BYTES || !file.is_file() {
+            return Err(format!("it is no regular file of at most {} MiB", PLUGIN_FILE_BYTES >> 20));
+        }
         let bytes = std::fs::read(file).map_err(|error| format!("it cannot be read: {error}"))?;
         let image = image::read(&bytes)?;
         let library = open_copy(file, &bytes)?;
@@ -126,11 +130,17 @@ impl Class {
 /// names, and the name of a copy is its descriptor's number.
 fn open_copy(file: &Path, bytes: &[u8]) -> Result<ManuallyDrop<Library>, String> {
     let descriptor = copy_in_memory(file, bytes).map_err(|error| format!("no memory for its private copy: {error}"))?;
-    let path = format!("/proc/self/fd/{}", ManuallyDrop::new(descriptor).as_raw_fd());
+    let path = format!("/proc/self/fd/{}", descriptor.as_raw_fd());
     // SAFETY: loading runs the library's constructors: they are trusted as far as its image was checked; a plugin that
     // crashes there crashes the daemon at load, before anything runs.
     let library = unsafe { Library::open(Some(&path), RTLD_NOW | RTLD_LOCAL) };
-    library.map(ManuallyDrop::new).map_err(|error| format!("it cannot be loaded: {error}"))
+    let library = library.map_err(|error| {
+        let cause = std::error::Error::source(&error).map(|source| format!(": {source}")).unwrap_or_default();
+        format!("it cannot be loaded: {error}{cause}")
+    })?;
+    #[allow(clippy::mem_forget, reason = "the descriptor's number is the name of a library that is never closed")]
+    std::mem::forget(descriptor);
+    Ok(ManuallyDrop::new(library))
 }
 
 fn copy_in_memory(file: &Path, bytes: &[u8]) -> std::io::Result<OwnedFd> {

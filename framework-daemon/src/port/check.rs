@@ -5,7 +5,7 @@
 //! this thread, and the writer is to blame for what it wrote.
 
 use std::cell::Cell;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use component_sdk::object::TypeDescriptor;
 use component_sdk::object::path::{FieldPath, PathError};
@@ -18,7 +18,11 @@ use crate::profile::plan::{Limit, OnInvalid, Validity};
 
 /// The checks of one port or connection.
 #[derive(Default)]
-pub struct Checks(Vec<Check>);
+pub struct Checks {
+    rules: Vec<Check>,
+    /// The last value that satisfied every rule, where one of them wants it.
+    last_valid: Mutex<Option<Sample>>,
+}
 
 struct Check {
     field: String,
@@ -26,13 +30,7 @@ struct Check {
     bounds: Bounds,
     delay_ns: u64,
     on_invalid: OnInvalid,
-    memory: Mutex<Memory>,
-}
-
-#[derive(Default)]
-struct Memory {
-    episode: Episode,
-    last_valid: Option<Sample>,
+    episode: Mutex<Episode>,
 }
 
 /// What the reader gets.
@@ -97,44 +95,63 @@ impl Checks {
                 bounds: Bounds { min: constant(&rule.min, f64::NEG_INFINITY), max: constant(&rule.max, f64::INFINITY) },
                 delay_ns: u64::try_from(rule.delay.as_nanos()).unwrap_or(u64::MAX),
                 on_invalid: rule.on_invalid,
-                memory: Mutex::default(),
+                episode: Mutex::default(),
             })
         });
-        compiled.collect::<Result<_, _>>().map(Self)
+        let rules = compiled.collect::<Result<_, (String, PathError)>>()?;
+        Ok(Self { rules, last_valid: Mutex::default() })
     }
 
-    /// Judges one value.
+    /// True when both ask the same.
+    #[must_use]
+    pub fn same_rules(&self, other: &Self) -> bool {
+        let key = |check: &Check| (check.path, check.bounds, check.delay_ns, check.on_invalid);
+        self.rules.iter().map(key).eq(other.rules.iter().map(key))
+    }
+
+    /// Begins anew: the writer was reset or replaced, and what its successor writes wrongly is another fault.
+    pub fn forget_episodes(&self) {
+        self.rules.iter().for_each(|check| *lock(&check.episode) = Episode::default());
+    }
+
+    /// Judges one value: dropping it weighs more than holding an earlier one, and that more than passing it.
     pub(super) fn judge(&self, port: &str, sample: &Sample, now_ns: u64) -> Verdict {
-        let mut verdict = Verdict::Pass;
-        for check in &self.0 {
-            match check.judge(port, sample, now_ns) {
-                Verdict::Pass => {}
-                other => verdict = other,
+        let broken = self.rules.iter().filter_map(|check| check.judge(port, sample, now_ns));
+        let worst = broken.reduce(|one, other| if weight(one) >= weight(other) { one } else { other });
+        match worst {
+            None if self.rules.iter().any(|check| check.on_invalid == OnInvalid::Hold) => {
+                *lock(&self.last_valid) = Some(Arc::clone(sample));
+                Verdict::Pass
             }
+            None | Some(OnInvalid::Pass) => Verdict::Pass,
+            Some(OnInvalid::Hold) => lock(&self.last_valid).clone().map_or(Verdict::Withhold, Verdict::Instead),
+            Some(OnInvalid::Drop) => Verdict::Withhold,
         }
-        verdict
     }
 }
 
+const fn weight(on_invalid: OnInvalid) -> u8 {
+    match on_invalid {
+        OnInvalid::Pass => 0,
+        OnInvalid::Hold => 1,
+        OnInvalid::Drop => 2,
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 impl Check {
-    fn judge(&self, port: &str, sample: &Sample, now_ns: u64) -> Verdict {
+    /// What the rule wants when the value breaks it.
+    fn judge(&self, port: &str, sample: &Sample, now_ns: u64) -> Option<OnInvalid> {
         let crossed = self.crossed(sample);
-        let mut memory = self.memory.lock().unwrap_or_else(PoisonError::into_inner);
-        let due = memory.episode.note(crossed.is_some(), now_ns, self.delay_ns);
-        let Some((value, limit)) = crossed else {
-            if self.on_invalid == OnInvalid::Hold {
-                memory.last_valid = Some(Arc::clone(sample));
-            }
-            return Verdict::Pass;
-        };
+        let due = lock(&self.episode).note(crossed.is_some(), now_ns, self.delay_ns);
+        let (value, limit) = crossed?;
         if due {
             report(Symptom::Validity, port, &self.field, value, limit);
         }
-        match self.on_invalid {
-            OnInvalid::Pass => Verdict::Pass,
-            OnInvalid::Drop => Verdict::Withhold,
-            OnInvalid::Hold => memory.last_valid.clone().map_or(Verdict::Withhold, Verdict::Instead),
-        }
+        Some(self.on_invalid)
     }
 
     /// The first number that crosses a bound, and that bound.
@@ -149,5 +166,43 @@ impl Check {
         // and a published block holds a valid object.
         unsafe { self.path.all(sample.value(), &mut within) };
         found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use component_sdk::object::CommObject;
+
+    use super::super::block::Block;
+    use super::*;
+    use crate::profile::plan::Location;
+
+    fn rule(max: f64, on_invalid: OnInvalid) -> Validity {
+        let (field, location) = (String::new(), Location::default());
+        let max = Some(Limit::Constant(max));
+        Validity { field, min: None, max, max_rate: None, delay: std::time::Duration::ZERO, on_invalid, location }
+    }
+
+    #[allow(unsafe_code, reason = "the test plays the plugin, which fills blocks")]
+    fn sample(value: f64) -> Sample {
+        let block = Block::new(f64::DESCRIPTOR);
+        // SAFETY: the block is for one f64.
+        unsafe { block.value().cast::<f64>().write(value) };
+        block.fill(1);
+        Arc::new(block)
+    }
+
+    #[test]
+    fn what_one_rule_drops_no_other_rule_holds() {
+        let rules = [rule(5.0, OnInvalid::Drop), rule(3.0, OnInvalid::Hold)];
+        let checks = Checks::compile(&rules, f64::DESCRIPTOR).unwrap();
+        let good = sample(1.0);
+        assert!(matches!(checks.judge("p", &good, 1), Verdict::Pass));
+        assert!(matches!(checks.judge("p", &sample(9.0), 2), Verdict::Withhold));
+        match checks.judge("p", &sample(4.0), 3) {
+            Verdict::Instead(held) => assert!(Arc::ptr_eq(&held, &good)),
+            _ => panic!("the last good value is held"),
+        }
+        let _ = take_report();
     }
 }

@@ -72,6 +72,21 @@ impl OutPort {
         self.links.store(Arc::new(links));
     }
 
+    /// Begins the checks of this port and its connections anew.
+    pub fn forget_episodes(&self) {
+        self.checks.forget_episodes();
+        for link in self.links.load().iter() {
+            link.checks.forget_episodes();
+            link.target.checks.forget_episodes();
+        }
+    }
+
+    /// The connections, as they are.
+    #[must_use]
+    pub fn links(&self) -> Arc<Vec<Link>> {
+        self.links.load_full()
+    }
+
     /// Values sent.
     #[must_use]
     pub fn count(&self) -> u64 {
@@ -120,6 +135,13 @@ impl OutPort {
 
     fn blocks(&self) -> MutexGuard<'_, Blocks> {
         self.blocks.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for OutPort {
+    /// A block on loan may hold half an object, which nobody may drop.
+    fn drop(&mut self) {
+        self.blocks().forget_lost_loan(self.object);
     }
 }
 

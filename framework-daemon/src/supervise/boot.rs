@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::blueprint::{Blueprint, draw, texts};
 use super::catalogue::Catalogue;
+use super::shutdown::shutdown;
 use super::system::{Placed, System};
 use super::wiring;
 use crate::exec::executor::Executor;
@@ -15,7 +16,7 @@ use crate::exec::trigger::{Bell, Doorbell, Signal};
 use crate::exec::unit::{Recipe, Source};
 use crate::model::fault::FaultSender;
 use crate::model::ladder::Ladder;
-use crate::model::limits::{BOOT_STEP, STACK_BYTES};
+use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP, STACK_BYTES};
 use crate::model::names;
 use crate::model::schedule::Schedule;
 use crate::profile::plan::{ConnectionPlan, Plan, SlotPlan, Trigger};
@@ -39,15 +40,26 @@ pub fn boot(plan: Arc<Plan>, extra: &[PathBuf], faults: FaultSender) -> Result<S
     let mut system = System { plan, executors: HashMap::new(), slots: Vec::new(), catalogue, faults };
     let plan = Arc::clone(&system.plan);
     let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;
+    match bring_up(&mut system, blueprints) {
+        Ok(()) => Ok(system),
+        Err(error) => {
+            // What was brought up already ends in order.
+            shutdown(system);
+            Err(error)
+        }
+    }
+}
+
+fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>) -> Result<(), BootError> {
     for blueprint in blueprints {
-        let placed = place(&mut system, blueprint).map_err(|reason| BootError::Failed(vec![reason]))?;
+        let placed = place(system, blueprint).map_err(|reason| BootError::Failed(vec![reason]))?;
         system.slots.push(placed);
     }
-    let links = wiring::build(&plan.connections, &system.slots).map_err(BootError::Plugins)?;
+    let connections = &system.plan.connections;
+    let links = wiring::build(connections, &system.slots).map_err(BootError::Plugins)?;
     wiring::apply(links, &system.slots);
-    rank(&system.slots, &plan.connections);
-    start(&system.slots).map_err(|reason| BootError::Failed(vec![reason]))?;
-    Ok(system)
+    rank(&system.slots, connections);
+    start(&system.slots).map_err(|reason| BootError::Failed(vec![reason]))
 }
 
 /// Where plugins are looked for: the command line's directories first.
@@ -97,33 +109,45 @@ fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>) -> Member {
         unit: None,
         next_due_ns: 0,
         rank: 0,
-        inject: 0,
+        inject: std::collections::VecDeque::new(),
         early: None,
     }
 }
 
 /// The declared executor that the slot names, or one of its own, started when first needed.
 fn executor_for(system: &mut System, plan: &SlotPlan) -> Result<Arc<Executor>, String> {
-    let name = plan.executor.as_deref().unwrap_or(&plan.name);
-    if let Some(executor) = system.executors.get(name) {
-        return Ok(Arc::clone(executor));
-    }
     let declared = system.plan.system.executors.iter().find(|executor| Some(&executor.name) == plan.executor.as_ref());
     let schedule: Schedule =
         declared.map_or_else(|| plan.component.execution.schedule.clone(), |plan| plan.schedule.clone());
+    // A slot's own executor is apart from a declared one that happens to bear its name.
+    let name = plan.executor.as_deref().unwrap_or(&plan.name);
+    let key = if plan.executor.is_some() { name.to_owned() } else { format!("{name} (its own)") };
+    if let Some(executor) = system.executors.get(&key)
+        && executor.serves(&schedule)
+    {
+        return Ok(Arc::clone(executor));
+    }
     let executor = Executor::start(name, schedule, system.faults.clone());
     let executor = Arc::new(executor.map_err(|error| format!("executor {name}: no thread: {error}"))?);
-    system.executors.insert(name.to_owned(), Arc::clone(&executor));
+    system.executors.insert(key, Arc::clone(&executor));
     Ok(executor)
 }
 
 /// Gives every slot its place in the order of data flow: writers before readers; a loop is cut where it closes.
 pub fn rank(slots: &[Placed], connections: &[ConnectionPlan]) {
     let order = flow_order(slots.iter().map(|placed| placed.slot.name).collect(), connections);
+    let places: HashMap<&str, u32> = order.iter().zip(0..).map(|(name, rank)| (*name, rank)).collect();
+    let mut batches: Vec<(&Arc<Executor>, Vec<_>)> = Vec::new();
     for placed in slots {
-        let rank = order.iter().position(|name| *name == placed.slot.name).unwrap_or(0);
+        let rank = (placed.member, places.get(placed.slot.name).copied().unwrap_or(0));
+        match batches.iter_mut().find(|(executor, _)| Arc::ptr_eq(executor, &placed.executor)) {
+            Some((_, ranks)) => ranks.push(rank),
+            None => batches.push((&placed.executor, vec![rank])),
+        }
+    }
+    for (executor, ranks) in batches {
         // A stuck executor keeps its old order.
-        let _ = placed.executor.rank(vec![(placed.member, rank as u32)], BOOT_STEP);
+        let _ = executor.rank(ranks, SHUTDOWN_STEP);
     }
 }
 

@@ -14,11 +14,14 @@ use crate::profile::plan::{ComponentPlan, Usage};
 /// A file at a moment: a rebuilt plugin is another one.
 type Key = (PathBuf, Stamp);
 
+/// A plugin, or why it was refused.
+type Loaded = Result<Arc<Plugin>, String>;
+
 /// All plugins of the process.
 #[derive(Clone, Default)]
 pub struct Catalogue {
     directories: Vec<PathBuf>,
-    loaded: Arc<Mutex<HashMap<Key, Arc<Plugin>>>>,
+    loaded: Arc<Mutex<HashMap<Key, Loaded>>>,
 }
 
 impl Catalogue {
@@ -71,14 +74,14 @@ impl Catalogue {
         let stamp = library::stamp(file).map_err(|error| format!("{}: {error}", file.display()))?;
         let key = (file.to_owned(), stamp);
         let mut loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(plugin) = loaded.get(&key) {
-            return Ok(Arc::clone(plugin));
-        }
-        let plugin = Plugin::load(file, &HOST).map_err(|refusal| refusal.to_string())?;
-        let (build, id) = (&plugin.header.build, &plugin.image.build_id);
-        tracing::info!("loaded {} ({build}, build id {id})", file.display());
-        loaded.insert(key, Arc::clone(&plugin));
-        Ok(plugin)
+        // Refusals are kept too: a library is never closed, so each try would cost its memory.
+        let load = || {
+            let plugin = Plugin::load(file, &HOST).map_err(|refusal| refusal.to_string())?;
+            let (build, id) = (&plugin.header.build, &plugin.image.build_id);
+            tracing::info!("loaded {} ({build}, build id {id})", file.display());
+            Ok(plugin)
+        };
+        loaded.entry(key).or_insert_with(load).clone()
     }
 }
 

@@ -113,6 +113,7 @@ fn commit(system: &mut System, slots: Vec<Placed>, wiring: Wiring, changes: &Cha
     for old in &leaving {
         warn_if_stuck(old, old.executor.stop_member(old.member, STEP).is_err());
     }
+    wiring::disconnect(&leaving);
     wiring::apply(wiring, &slots);
     for old in &leaving {
         warn_if_stuck(old, old.executor.remove(old.member, STEP).is_err());

@@ -19,5 +19,5 @@ pub fn shutdown(system: System) {
     }
     drop(last_first);
     drop(system);
-    log_ring::drain();
+    log_ring::flush(STEP);
 }

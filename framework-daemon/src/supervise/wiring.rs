@@ -79,13 +79,26 @@ pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Ve
     connections.iter().filter(|connection| connection.kind == PortKind::Data).filter_map(wrong).collect()
 }
 
-/// Puts the links in place.
+/// Puts the links in place. A connection that was there before keeps its checks, with what they remember.
 pub fn apply(mut wiring: Wiring, slots: &[Placed]) {
     for placed in slots {
         for port in &placed.slot.outputs {
-            port.connect(wiring.remove(&(placed.slot.name, port.name.clone())).unwrap_or_default());
+            let mut links = wiring.remove(&(placed.slot.name, port.name.clone())).unwrap_or_default();
+            let before = port.links();
+            for link in &mut links {
+                let same = |old: &&Link| Arc::ptr_eq(&old.target, &link.target) && old.checks.same_rules(&link.checks);
+                if let Some(old) = before.iter().find(same) {
+                    link.checks = Arc::clone(&old.checks);
+                }
+            }
+            port.connect(links);
         }
     }
+}
+
+/// Takes all connections off slots that leave: their blocks may have to stay, others' ports not.
+pub fn disconnect(slots: &[Placed]) {
+    slots.iter().flat_map(|placed| &placed.slot.outputs).for_each(|port| port.connect(Vec::new()));
 }
 
 /// What is wrong with a `field` of a `validity`.

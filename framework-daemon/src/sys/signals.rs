@@ -25,7 +25,7 @@ pub fn listen() -> std::io::Result<Receiver<Request>> {
         for signal in signals.forever() {
             let request = if signal == SIGHUP { Request::Reload } else { Request::Stop };
             if request == Request::Stop && std::mem::replace(&mut stopping, true) {
-                eprintln!("second signal: leaving at once");
+                // No word about it: whoever does not read stderr must not be able to stop this.
                 nix::sys::signal::raise(nix::sys::signal::Signal::SIGKILL).ok();
             }
             if sender.send(request).is_err() {

@@ -6,21 +6,28 @@ use std::thread::JoinHandle;
 use crate::model::limits::SIGNAL_STACK_BYTES;
 use crate::model::schedule::{Policy, Schedule};
 
-/// An alternate signal stack for this thread: the handler of a stack overflow needs one. Leaked, because the kernel
-/// may use it until the thread's last instruction.
+/// An alternate signal stack for this thread: the handler of a stack overflow needs one.
 #[derive(Debug)]
-pub struct SignalStack(());
+pub struct SignalStack(#[allow(dead_code, reason = "held for the kernel")] Box<[u8]>);
 
 impl SignalStack {
     /// Installs one for the calling thread.
     #[must_use]
     pub fn new() -> Self {
         // Written once, so that the first fault need not wait for pages.
-        let memory = Box::leak(vec![1u8; SIGNAL_STACK_BYTES].into_boxed_slice());
+        let mut memory = vec![1u8; SIGNAL_STACK_BYTES].into_boxed_slice();
         let stack = libc::stack_t { ss_sp: memory.as_mut_ptr().cast(), ss_flags: 0, ss_size: memory.len() };
-        // SAFETY: the memory is leaked, so it stays valid; the old stack is not asked for.
+        // SAFETY: the memory is held until `drop` takes it from the kernel; the old stack is not asked for.
         unsafe { libc::sigaltstack(&raw const stack, std::ptr::null_mut()) };
-        Self(())
+        Self(memory)
+    }
+}
+
+impl Drop for SignalStack {
+    fn drop(&mut self) {
+        let none = libc::stack_t { ss_sp: std::ptr::null_mut(), ss_flags: libc::SS_DISABLE, ss_size: 0 };
+        // SAFETY: no handler runs on it now, because this code does; afterwards the kernel knows it no more.
+        unsafe { libc::sigaltstack(&raw const none, std::ptr::null_mut()) };
     }
 }
 

@@ -128,8 +128,9 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     let (pc, sp) = registers::position(context);
     // SAFETY: a fiber is armed only while it runs, borrowed by this very thread.
     let armed = unsafe { ARMED.get().as_ref() };
-    let Some(armed) = armed.filter(|armed| armed.handler.stack_ptr_in_bounds(sp)) else {
-        return chain(signal, info, context);
+    let sent = is_sent(info);
+    let Some(armed) = armed.filter(|armed| armed.handler.stack_ptr_in_bounds(sp) && sent != Some(false)) else {
+        return if sent.is_some() { end_by(signal) } else { chain(signal, info, context) };
     };
     // SAFETY: all of these signals but SIGABRT carry an address.
     let address = if signal == libc::SIGABRT { 0 } else { unsafe { info.si_addr() }.addr() };
@@ -145,6 +146,23 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     unsafe { registers::redirect(context, &armed.handler.setup_trap_handler(|| ())) };
 }
 
+/// Some when the signal was sent and not caused by an instruction; true when this process sent it to itself (`abort`).
+fn is_sent(info: &libc::siginfo_t) -> Option<bool> {
+    // SAFETY: a signal that was sent carries its sender.
+    (info.si_code <= 0).then(|| unsafe { info.si_pid() == libc::getpid() })
+}
+
+/// The process ends by this signal, as its supervisor expects. (The standard library's handler, to which a trap would be
+/// handed on, expects the instruction to fault again; a signal that was sent does not.)
+fn end_by(signal: i32) {
+    // SAFETY: the default action is restored; the signal is blocked while its handler runs and ends the process when that
+    // returns.
+    unsafe {
+        libc::signal(signal, libc::SIG_DFL);
+        libc::raise(signal);
+    }
+}
+
 /// Not ours: the previous handler's turn, or the default: the process ends by this signal.
 fn chain(signal: i32, info: &mut libc::siginfo_t, context: &mut libc::ucontext_t) {
     let index = SIGNALS.iter().position(|known| *known == signal).unwrap_or(0);
@@ -157,14 +175,7 @@ fn chain(signal: i32, info: &mut libc::siginfo_t, context: &mut libc::ucontext_t
                 unsafe { std::mem::transmute(old.sa_sigaction) };
             call(signal, info, std::ptr::from_mut(context).cast());
         }
-        _ => {
-            // SAFETY: the default action is restored; the faulting instruction runs again, or the signal is raised
-            // again, and ends the process with this signal, as its supervisor expects.
-            unsafe {
-                libc::signal(signal, libc::SIG_DFL);
-                libc::raise(signal);
-            }
-        }
+        _ => end_by(signal),
     }
 }
 

@@ -19,6 +19,8 @@ pub mod exit_code;
 pub mod graph;
 /// `man`.
 pub mod man;
+/// `probe`.
+pub mod probe;
 /// `run`.
 pub mod run;
 /// `schema`.
@@ -55,6 +57,9 @@ pub enum Verb {
     Completions(completions::Arguments),
     /// Print the manual page.
     Man,
+    /// Load a plugin and end.
+    #[command(hide = true)]
+    Probe(probe::Arguments),
 }
 
 /// How results are printed.
@@ -79,6 +84,7 @@ pub fn main() -> ExitCode {
         Verb::Schema(arguments) => schema::run(&arguments, &mut out),
         Verb::Completions(arguments) => completions::run(&arguments, &mut out),
         Verb::Man => man::run(&mut out),
+        Verb::Probe(arguments) => Ok(probe::run(&arguments)),
     };
     let flushed = out.flush();
     exit_of(result.and_then(|exit| match flushed {
@@ -114,7 +120,7 @@ mod tests {
 
     #[test]
     fn every_verb_shows_an_example() {
-        for verb in Cli::command().get_subcommands() {
+        for verb in Cli::command().get_subcommands().filter(|verb| !verb.is_hide_set()) {
             let help = verb.get_after_help().map(ToString::to_string).unwrap_or_default();
             assert!(verb.get_name() == "man" || help.contains("Examples:"), "{} has no example", verb.get_name());
         }

@@ -10,6 +10,7 @@ use component_sdk::abi::inject::{self, INJECTIONS};
 use super::exit_code::Exit;
 use crate::daemon::{self, Injection, RunError, Settings};
 use crate::model::limits::SHUTDOWN_STEP;
+use crate::plugin::probe;
 use crate::sys::log_ring::{self, Lines};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --plugins target/release\n  \
@@ -42,6 +43,9 @@ pub struct Arguments {
 /// Only those of writing.
 pub fn run(arguments: Arguments, out: &mut impl Write) -> io::Result<Exit> {
     start_log();
+    if let Ok(own) = std::env::current_exe() {
+        probe::enable(own);
+    }
     let Arguments { directory, plugins, journal, inject } = arguments;
     let settings =
         Settings { directory, plugins, journal: journal.unwrap_or_else(default_journal), injections: inject };

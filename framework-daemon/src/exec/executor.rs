@@ -152,7 +152,7 @@ impl Drop for Executor {
         self.bell.wake();
         let Some(thread) = self.thread.take() else { return };
         let limit = clock::now_ns() + 100_000_000;
-        while !thread.is_finished() && clock::now_ns() < limit {
+        while !thread.is_finished() && !self.bell.is_retired() && clock::now_ns() < limit {
             std::thread::sleep(Duration::from_millis(1));
         }
         if thread.is_finished() {
@@ -218,12 +218,19 @@ impl Run {
             }
             Command::Inject(number, code, reply) => _ = reply.send(self.inject(number, code)),
             // Plugins' thread-local destructors run when a thread ends; after a trap they might meet half-changed state.
-            Command::Quit if self.crew.lost => loop {
-                self.bell.wait_until(None);
-            },
+            Command::Quit if self.crew.lost => self.retire(),
             Command::Quit => return false,
         }
         true
+    }
+
+    /// Stays for ever, doing nothing and holding nothing that others wait for.
+    fn retire(&mut self) -> ! {
+        self.crew.faults = crossbeam_channel::bounded(1).0;
+        self.bell.retire();
+        loop {
+            self.bell.wait_until(None);
+        }
     }
 
     fn install(&mut self, mut member: Box<Member>) -> Result<usize, String> {

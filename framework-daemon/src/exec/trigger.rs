@@ -18,6 +18,7 @@ pub const MEMBERS_MAX: usize = 2 * SLOTS;
 pub struct Bell {
     waker: Waker,
     ready: ArrayQueue<usize>,
+    retired: AtomicBool,
 }
 
 thread_local! {
@@ -28,12 +29,23 @@ impl Bell {
     /// A silent one.
     #[must_use]
     pub fn new() -> Arc<Self> {
-        Arc::new(Self { waker: Waker::default(), ready: ArrayQueue::new(MEMBERS_MAX) })
+        Arc::new(Self { waker: Waker::default(), ready: ArrayQueue::new(MEMBERS_MAX), retired: AtomicBool::new(false) })
     }
 
     /// Says that the calling thread is this executor's.
     pub fn adopt(self: &Arc<Self>) {
         HERE.set(Arc::as_ptr(self));
+    }
+
+    /// The executor's thread will do nothing any more, though it may not end.
+    pub fn retire(&self) {
+        self.retired.store(true, Ordering::Release);
+    }
+
+    /// True after [`Self::retire`].
+    #[must_use]
+    pub fn is_retired(&self) -> bool {
+        self.retired.load(Ordering::Acquire)
     }
 
     /// Wakes the executor.

@@ -131,8 +131,8 @@ impl Class {
 fn open_copy(file: &Path, bytes: &[u8]) -> Result<ManuallyDrop<Library>, String> {
     let descriptor = copy_in_memory(file, bytes).map_err(|error| format!("no memory for its private copy: {error}"))?;
     let path = format!("/proc/self/fd/{}", descriptor.as_raw_fd());
-    // SAFETY: loading runs the library's constructors: they are trusted as far as its image was checked; a plugin that
-    // crashes there crashes the daemon at load, before anything runs.
+    // SAFETY: loading runs the library's constructors: they are trusted as far as its image was checked here and another
+    // process survived them (`probe`).
     let library = unsafe { Library::open(Some(&path), RTLD_NOW | RTLD_LOCAL) };
     let library = library.map_err(|error| {
         let cause = std::error::Error::source(&error).map(|source| format!(": {source}")).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! A `.so` file to a handle that the rest can use safely: `discover -> image -> library -> compat -> instance`.
+//! A `.so` file to a handle that the rest can use safely: `discover -> probe -> image -> library -> compat -> instance`.
 
 /// Header checks before any call: both values, and what to do.
 pub mod compat;
@@ -14,6 +14,9 @@ pub mod image;
 
 /// One method for each shim; the only caller of plugin code.
 pub mod instance;
+
+/// A file that was never loaded is loaded by another process first.
+pub mod probe;
 
 /// Private copy, `dlopen`, root module; never `dlclose`.
 pub mod library;

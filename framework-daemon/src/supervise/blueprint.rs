@@ -121,6 +121,7 @@ fn standby(secondary: &SecondaryPlan, primary: &Class, catalogue: &Catalogue) ->
     let properties = texts(&secondary.properties);
     let stack_bytes = component.execution.stack.unwrap_or(STACK_BYTES);
     let source = if secondary.preload == Preload::None {
+        catalogue.foresee(&component).map_err(|reason| at(&secondary.location, &reason))?;
         let (catalogue, primary) = (catalogue.clone(), primary.clone());
         Source::Lazy(Arc::new(move || {
             let class = catalogue.class(&component)?;

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use component_sdk::abi::class::Direction;
 
 use crate::plugin::library::{self, Stamp};
-use crate::plugin::{Class, Plugin, discover};
+use crate::plugin::{Class, Plugin, discover, probe};
 use crate::port::border::HOST;
 use crate::profile::plan::{ComponentPlan, Usage};
 
@@ -22,13 +22,15 @@ type Loaded = Result<Arc<Plugin>, String>;
 pub struct Catalogue {
     directories: Vec<PathBuf>,
     loaded: Arc<Mutex<HashMap<Key, Loaded>>>,
+    /// What another process survived, or why not.
+    probed: Arc<Mutex<HashMap<Key, Result<(), String>>>>,
 }
 
 impl Catalogue {
     /// The same plugins, searched in other directories.
     #[must_use]
     pub fn in_directories(&self, directories: Vec<PathBuf>) -> Self {
-        Self { directories, loaded: Arc::clone(&self.loaded) }
+        Self { directories, loaded: Arc::clone(&self.loaded), probed: Arc::clone(&self.probed) }
     }
 
     /// The class that a component profile names, checked against it.
@@ -53,6 +55,22 @@ impl Catalogue {
         Ok(class)
     }
 
+    /// Sees to it that the component's plugin can be loaded later without another look: for `preload="none"`.
+    ///
+    /// # Errors
+    /// In words: no such library, or loading it ends the process that does it.
+    pub fn foresee(&self, component: &ComponentPlan) -> Result<(), String> {
+        let file = self.file(component).ok_or_else(|| self.not_found(&component.library))?;
+        self.probe(&file)
+    }
+
+    fn probe(&self, file: &Path) -> Result<(), String> {
+        let mut probed = self.probed.lock().unwrap_or_else(PoisonError::into_inner);
+        let survive =
+            || probe::survive(file).map_err(|reason| format!("plugin {} is refused: {reason}", file.display()));
+        probed.entry(key(file)?).or_insert_with(survive).clone()
+    }
+
     fn file(&self, component: &ComponentPlan) -> Option<PathBuf> {
         let beside = component.location.file.parent().map(Path::to_owned);
         let mut directories = self.directories.clone();
@@ -71,8 +89,8 @@ impl Catalogue {
     }
 
     fn plugin(&self, file: &Path) -> Result<Arc<Plugin>, String> {
-        let stamp = library::stamp(file).map_err(|error| format!("{}: {error}", file.display()))?;
-        let key = (file.to_owned(), stamp);
+        self.probe(file)?;
+        let key = key(file)?;
         let mut loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
         // Refusals are kept too: a library is never closed, so each try would cost its memory.
         let load = || {
@@ -83,6 +101,11 @@ impl Catalogue {
         };
         loaded.entry(key).or_insert_with(load).clone()
     }
+}
+
+fn key(file: &Path) -> Result<Key, String> {
+    let stamp = library::stamp(file).map_err(|error| format!("{}: {error}", file.display()))?;
+    Ok((file.to_owned(), stamp))
 }
 
 /// Every port of the profile must be one of the class, with the same direction. (Type names are the profile's; layouts

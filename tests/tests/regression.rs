@@ -1,7 +1,7 @@
 //! What once went wrong, one test each.
 
 use std::process::{Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tests::daemon_binary::daemon_binary;
 use tests::profiles::{Profiles, application, connection, plugin_dir, slot};
@@ -13,7 +13,7 @@ fn diary() -> Profiles {
     Profiles::new(&application(&[slot("diary", "Diary", RESET)], &[]))
 }
 
-/// Runs the daemon with these pipes, whose readers are gone or never read, for a second; then asks it to end.
+/// Runs the daemon with these pipes, whose readers are gone or never read, through nine faults; then asks it to end.
 fn run_unheard(stdout: Stdio, stderr: Stdio) -> (Option<i32>, String) {
     let (profiles, scratch) = (diary(), tempfile::tempdir().unwrap());
     let journal = scratch.path().join("journal.jsonl");
@@ -24,7 +24,11 @@ fn run_unheard(stdout: Stdio, stderr: Stdio) -> (Option<i32>, String) {
     }
     let mut child = command.stdout(stdout).stderr(stderr).env("RUST_LOG", "trace").spawn().unwrap();
     // A pipe that was made by `Stdio::piped` is held by the child's handle and never read.
-    std::thread::sleep(Duration::from_millis(1500));
+    let began = Instant::now();
+    let faults = || std::fs::read_to_string(&journal).unwrap_or_default().matches("crash.segv").count();
+    while faults() < 9 && began.elapsed() < Duration::from_secs(30) {
+        std::thread::sleep(Duration::from_millis(10));
+    }
     let killed = Command::new("kill").arg(child.id().to_string()).status().unwrap();
     assert!(killed.success(), "it ended by itself");
     let status = child.wait().unwrap();

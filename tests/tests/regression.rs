@@ -91,6 +91,17 @@ fn a_value_that_stays_bad_climbs_the_ladder() {
 }
 
 #[test]
+fn what_a_successor_reports_in_its_first_callback_is_answered() {
+    let profiles = sonar(1);
+    let secondary = "<reset limit=\"0\" within=\"60s\"/><secondary reference=\"Sonar.xml\" preload=\"instance\"/>";
+    profiles.replace("app.xml", "<reset limit=\"2\" within=\"60s\"/>", secondary);
+    let daemon = Running::start(profiles.path(), &[]);
+    let faults = daemon.journal("fault", 2);
+    let actions: Vec<_> = faults.iter().map(|fault| fault["action"].as_str().unwrap()).collect();
+    assert_eq!(actions, ["replace", "stop"]);
+}
+
+#[test]
 fn a_reload_that_changes_nothing_begins_no_check_anew() {
     let profiles = sonar(1);
     profiles.replace("app.xml", "<severity>reset</severity>", "<severity>ignore</severity>");

@@ -118,7 +118,8 @@ fn trapped() -> Fault {
     }
 }
 
-fn told(symptom: Symptom, text: &str) -> Fault {
+/// A fault that was told by a text: what the component noted, or `text` where it noted nothing.
+pub(super) fn told(symptom: Symptom, text: &str) -> Fault {
     let detected_ns = clock::now_ns();
     let evidence = match host::take_panic() {
         Some(note) if symptom == Symptom::CrashPanic => {

@@ -13,6 +13,7 @@ use super::unit::{Recipe, Unit};
 use crate::model::fault::{Fault, FaultSender};
 use crate::model::ladder::Ladder;
 use crate::model::lifecycle::{Event, State};
+use crate::model::symptom::Symptom;
 use crate::profile::plan::{Preload, Trigger};
 use crate::sys::clock;
 use crate::sys::fiber::FiberPool;
@@ -113,7 +114,7 @@ impl Member {
     /// # Errors
     /// The fault of its constructor or of `initialize`.
     pub fn make(&self, recipe: &Recipe, crew: &mut Crew) -> Result<Unit, Fault> {
-        let parts = recipe.gather(&self.slot).map_err(|text| not_made(&text))?;
+        let parts = recipe.gather(&self.slot).map_err(|text| callback::told(Symptom::Error, &text))?;
         let mut unit = callback::create(&mut crew.fibers, self.slot.name, parts)?;
         match self.enter_unit(&mut unit, Call::plain(Hook::Initialize), crew) {
             Ok(()) => Ok(unit),
@@ -293,12 +294,4 @@ impl Member {
 #[must_use]
 pub fn nanoseconds(period: std::time::Duration) -> u64 {
     u64::try_from(period.as_nanos()).unwrap_or(u64::MAX).max(1)
-}
-
-fn not_made(text: &str) -> Fault {
-    use crate::model::fault::{Evidence, ShortText};
-    use crate::model::symptom::Symptom;
-    let now = clock::now_ns();
-    let evidence = Evidence::Text { message: ShortText::new(text) };
-    Fault { symptom: Symptom::Error, at_ns: now, detected_ns: now, injected: false, evidence }
 }

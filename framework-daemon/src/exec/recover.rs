@@ -52,7 +52,6 @@ impl Member {
         self.slot.outputs.iter().for_each(|port| port.forget_episodes());
         let (last, outcome) = self.climb(&fault, answer, &mut times, crew);
         self.tell_manager(fault, class, last, outcome, times, crew);
-        self.early = callback::side_report().map(Box::new).or(self.early.take());
         crew.fibers.bury();
         self.prepare_fibers(crew);
     }
@@ -103,6 +102,7 @@ impl Member {
             if let Err(second) = self.enter(Call { hook, inject: 0, fault: args }, crew) {
                 return Step::Failed(second);
             }
+            self.keep_side_report();
         }
         self.step(Event::Reset);
         if self.unit.as_ref().is_some_and(|unit| !unit.started)
@@ -111,6 +111,7 @@ impl Member {
             self.step(Event::Fault);
             return Step::Failed(second);
         }
+        self.keep_side_report();
         self.put_to_work(fault, times, crew)
     }
 
@@ -157,12 +158,14 @@ impl Member {
         if let Err(second) = self.enter(Call { hook: Hook::Recover, inject: 0, fault: args }, crew) {
             return Step::Failed(second);
         }
+        self.keep_side_report();
         self.step(Event::Recover);
         self.step(Event::Start);
         if let Err(second) = self.enter_start(crew) {
             self.step(Event::Fault);
             return Step::Failed(second);
         }
+        self.keep_side_report();
         self.put_to_work(fault, times, crew)
     }
 
@@ -175,6 +178,7 @@ impl Member {
         match self.enter(Call::plain(Hook::Execute), crew) {
             Ok(()) => {
                 times.first_callback_ns = Some(since(fault));
+                self.keep_side_report();
                 Status::count(&self.slot.status.cycles);
                 Step::Works
             }
@@ -205,6 +209,11 @@ impl Member {
         let times = Times { decided_ns: since(&fault), ..Times::default() };
         let class = self.slot.status.class();
         self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, times, crew);
+    }
+
+    /// What a callback of the recovery raised is answered before the slot runs on; the next callback would erase it.
+    fn keep_side_report(&mut self) {
+        self.early = self.early.take().or_else(|| callback::side_report().map(Box::new));
     }
 
     /// What was raised on the way out, where nothing follows from it any more.

@@ -1,7 +1,6 @@
 //! An instance with its bindings, and the recipe for another one.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use abi_stable::std_types::RStr;
 use component_sdk::abi::class::{CallStatus, ClassDecl, Direction};
@@ -57,14 +56,6 @@ pub struct Parts {
     handles: Vec<PortHandle>,
     properties: Vec<String>,
     stack_bytes: usize,
-}
-
-static QUARANTINED: AtomicU64 = AtomicU64::new(0);
-
-/// Instances of the whole process that are never entered again and never freed.
-#[must_use]
-pub fn quarantined() -> u64 {
-    QUARANTINED.load(Ordering::Relaxed)
 }
 
 impl Recipe {
@@ -154,7 +145,6 @@ impl Parts {
 impl Unit {
     /// The instance trapped: its ports are closed, it is never entered again, and nothing of it is freed.
     pub fn quarantine(self) {
-        QUARANTINED.fetch_add(1, Ordering::Relaxed);
         close(&self.bindings);
         #[allow(
             clippy::mem_forget,

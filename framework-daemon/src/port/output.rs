@@ -1,6 +1,5 @@
 //! Output ports: a block is lent, filled by the component, checked, and handed to every connected input by reference.
 
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use arc_swap::ArcSwap;
@@ -34,7 +33,6 @@ pub struct OutPort {
     links: ArcSwap<Vec<Link>>,
     // Held for a few instructions in which no memory of a plugin is touched, so that no thread can fault with it.
     blocks: Mutex<Blocks>,
-    sent: AtomicU64,
 }
 
 #[derive(Default)]
@@ -48,14 +46,7 @@ impl OutPort {
     /// An unconnected port.
     #[must_use]
     pub fn new(name: &str, object: &'static TypeDescriptor, checks: Checks) -> Self {
-        let port = Self {
-            name: name.to_owned(),
-            object,
-            checks,
-            links: ArcSwap::default(),
-            blocks: Mutex::default(),
-            sent: AtomicU64::new(0),
-        };
+        let port = Self { name: name.to_owned(), object, checks, links: ArcSwap::default(), blocks: Mutex::default() };
         port.connect(Vec::new());
         port
     }
@@ -87,12 +78,6 @@ impl OutPort {
         self.links.load_full()
     }
 
-    /// Values sent.
-    #[must_use]
-    pub fn count(&self) -> u64 {
-        self.sent.load(Ordering::Relaxed)
-    }
-
     /// Lends a block that no reader holds.
     pub(super) fn loan(&self) -> LoanResult {
         let mut blocks = self.blocks();
@@ -115,7 +100,6 @@ impl OutPort {
         let Some(sample) = self.end_loan(value) else { return Sent::Closed };
         let now_ns = clock::now_ns();
         sample.fill(now_ns);
-        self.sent.fetch_add(1, Ordering::Relaxed);
         let links = self.links.load();
         if links.is_empty() {
             return Sent::Unconnected;

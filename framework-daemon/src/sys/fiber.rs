@@ -130,7 +130,6 @@ impl Drop for Fiber {
 pub struct FiberPool {
     idle: Vec<(usize, Vec<Fiber>)>,
     spent: Vec<Fiber>,
-    buried: usize,
 }
 
 impl FiberPool {
@@ -181,14 +180,7 @@ impl FiberPool {
 
     /// Gives the pages of spent fibers back; a few microseconds each, so it is done when the recovery is over.
     pub fn bury(&mut self) {
-        self.buried += self.spent.len();
         self.spent.clear();
-    }
-
-    /// Fibers that traps ended: each keeps its range of addresses, but no memory.
-    #[must_use]
-    pub const fn buried(&self) -> usize {
-        self.buried
     }
 }
 

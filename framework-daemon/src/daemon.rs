@@ -6,12 +6,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use component_sdk::abi::inject;
 use crossbeam_channel::{Receiver, after, never, select};
 use serde_json::{Map, Value, json};
 
 use crate::exec::slot::Slot;
 use crate::fault::journal::Journal;
 use crate::fault::manager::{self, Manager, SharedJournal};
+use crate::model::fault::TrapEvidence;
 use crate::model::lifecycle::State;
 use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP};
 use crate::profile::diagnostic::Diagnostic;
@@ -22,7 +24,8 @@ use crate::supervise::reload::reload;
 use crate::supervise::shutdown::shutdown;
 use crate::supervise::system::System;
 use crate::sys::signals::{self, Request};
-use crate::sys::{log_ring, trap};
+use crate::sys::thread::SignalStack;
+use crate::sys::{last_words, log_ring, trap};
 
 /// What `run` is told.
 #[derive(Clone, Debug)]
@@ -40,7 +43,7 @@ pub struct Settings {
 /// A fault to provoke.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Injection {
-    /// In which slot.
+    /// In which slot; [`DAEMON`] is the daemon itself.
     pub slot: String,
     /// Which one; a number of `component_sdk::abi::inject`.
     pub code: u8,
@@ -48,9 +51,21 @@ pub struct Injection {
     pub after: Duration,
 }
 
+/// Whoever provokes a fault here, where no slot bears the name, does it in the daemon's own code: to prove its last words.
+pub const DAEMON: &str = "daemon";
+
+/// What can be provoked in the daemon itself, and how.
+const OWN_FAULTS: [(&str, fn()); 3] = [
+    ("crash.segv", last_words::trap),
+    ("crash.abort", || std::process::abort()),
+    ("crash.panic", || panic!("injected panic of the daemon")),
+];
+
 /// Why `run` ended without running.
 #[derive(Debug)]
 pub enum RunError {
+    /// The arguments do not fit the profiles.
+    Usage(Vec<String>),
     /// The profiles are invalid.
     Profiles(Vec<Diagnostic>),
     /// Plugins are missing or do not fit.
@@ -76,21 +91,47 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<(), RunError> {
     let requests = signals::listen()?;
     log_ring::start()?;
     trap::install();
+    // Large enough for the last words of this thread.
+    let _signal_stack = SignalStack::new();
     let journal = Journal::open(&settings.journal);
     let journal =
         journal.map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
+    journal.descriptor().and_then(last_words::prepare)?;
+    tell_last_run(&journal);
     let journal: SharedJournal = Arc::new(Mutex::new(journal));
     let (manager, faults) = manager::start(Arc::clone(&journal))?;
     let system = boot::boot(Arc::new(loaded.plan), &settings.plugins, faults).map_err(|error| match error {
         BootError::Plugins(reasons) => RunError::Plugins(reasons),
         BootError::Failed(reasons) => RunError::Failed(reasons),
     })?;
-    note(&journal, "start", &json!({"directory": settings.directory, "slots": system.slots.len()}));
+    note(&journal, "start", &json!({"accepted": true, "directory": settings.directory, "slots": system.slots.len()}));
     // Nobody may be listening any more; the robot runs all the same.
     let _ = announce(&system, out);
     let pending = sorted(&settings.injections);
     Daemon { settings, system, journal, manager, began: Instant::now(), pending }.serve(&requests);
     Ok(())
+}
+
+/// Says it when the last run on this journal did not end in order.
+fn tell_last_run(journal: &Journal) {
+    let Some(last) = journal.last() else { return };
+    let number = |name: &str| last[name].as_u64().unwrap_or_default();
+    match last["kind"].as_str() {
+        Some("stop") => {}
+        Some("start") if last["accepted"] == false => {}
+        Some("crash") => {
+            let trap = TrapEvidence::new(number("signal") as i32, number("address"), number("pc"));
+            tracing::warn!(
+                "the last run ended by a crash of the daemon itself: {} at address {:#x}, {:#x} bytes into its program; \
+                 {} safe outputs were written",
+                trap.signal_name(),
+                trap.address,
+                trap.pc.saturating_sub(number("base")),
+                number("safe_outputs")
+            );
+        }
+        _ => tracing::warn!("the last run on this journal did not end in order: it was killed, or power was lost"),
+    }
 }
 
 /// One line for whoever waits for it.
@@ -103,10 +144,20 @@ fn announce(system: &System, out: &mut impl Write) -> std::io::Result<()> {
 fn check_injections(injections: &[Injection], plan: &Plan) -> Result<(), RunError> {
     let unknown = injections.iter().filter(|injection| plan.slots.iter().all(|slot| slot.name != injection.slot));
     let known: Vec<_> = plan.slots.iter().map(|slot| slot.name.as_str()).collect();
-    let reasons: Vec<_> = unknown
-        .map(|injection| format!("--inject: there is no slot `{}`; there are: {}", injection.slot, known.join(", ")))
-        .collect();
-    if reasons.is_empty() { Ok(()) } else { Err(RunError::Failed(reasons)) }
+    let wrong = |injection: &Injection| match injection.slot.as_str() {
+        DAEMON if own_fault(injection.code).is_some() => None,
+        DAEMON => {
+            let known = OWN_FAULTS.map(|(symptom, _)| symptom).join(", ");
+            Some(format!("--inject: in the daemon itself only these can be provoked: {known}"))
+        }
+        slot => Some(format!("--inject: there is no slot `{slot}`; there are: {}", known.join(", "))),
+    };
+    let reasons: Vec<_> = unknown.filter_map(wrong).collect();
+    if reasons.is_empty() { Ok(()) } else { Err(RunError::Usage(reasons)) }
+}
+
+fn own_fault(code: u8) -> Option<fn()> {
+    OWN_FAULTS.iter().find(|(symptom, _)| inject::code(symptom) == Some(code)).map(|(_, provoke)| *provoke)
 }
 
 /// Last first, so that the next is popped.
@@ -153,6 +204,9 @@ impl Daemon<'_> {
     fn inject(&mut self) {
         let Some(Injection { slot, code, .. }) = self.pending.pop() else { return };
         let Some(placed) = self.system.slot(&slot) else {
+            if let Some(provoke) = own_fault(code).filter(|_| slot == DAEMON) {
+                provoke();
+            }
             tracing::warn!("no fault was provoked in slot {slot}: it is gone");
             return;
         };

@@ -22,7 +22,7 @@ pub struct Running {
     child: Child,
     log: Arc<Mutex<String>>,
     journal: PathBuf,
-    _scratch: TempDir,
+    _scratch: Option<TempDir>,
 }
 
 impl Running {
@@ -32,12 +32,20 @@ impl Running {
     /// When it does not get ready.
     #[must_use]
     pub fn start(directory: &Path, arguments: &[&str]) -> Self {
-        let mut running = Self::spawn(directory, arguments);
-        while !running.log().contains("ready: ") {
-            assert!(running.is_alive(), "it ended before it was ready; the log:\n{}", running.log());
+        Self::spawn(directory, arguments).ready()
+    }
+
+    /// Waits until it is ready.
+    ///
+    /// # Panics
+    /// When it does not get ready.
+    #[must_use]
+    pub fn ready(mut self) -> Self {
+        while !self.log().contains("ready: ") {
+            assert!(self.is_alive(), "it ended before it was ready; the log:\n{}", self.log());
             thread::sleep(Duration::from_millis(5));
         }
-        running
+        self
     }
 
     /// Runs a profile directory without waiting.
@@ -47,7 +55,17 @@ impl Running {
     #[must_use]
     pub fn spawn(directory: &Path, arguments: &[&str]) -> Self {
         let scratch = TempDir::new().expect("a temporary directory");
-        let journal = scratch.path().join("journal.jsonl");
+        let mut running = Self::spawn_on(&scratch.path().join("journal.jsonl"), directory, arguments);
+        running._scratch = Some(scratch);
+        running
+    }
+
+    /// As [`Self::spawn`], on a journal that others wrote into.
+    ///
+    /// # Panics
+    /// When the binary cannot be started.
+    #[must_use]
+    pub fn spawn_on(journal: &Path, directory: &Path, arguments: &[&str]) -> Self {
         let mut child = Command::new(daemon_binary())
             .arg("run")
             .arg(directory)
@@ -62,7 +80,7 @@ impl Running {
         let log = Arc::new(Mutex::new(String::new()));
         collect(child.stdout.take().expect("stdout is piped"), &log);
         collect(child.stderr.take().expect("stderr is piped"), &log);
-        Self { child, log, journal, _scratch: scratch }
+        Self { child, log, journal: journal.to_owned(), _scratch: None }
     }
 
     /// All that it printed so far, stdout and stderr.

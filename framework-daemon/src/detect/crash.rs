@@ -37,7 +37,7 @@ mod tests {
     #[test]
     fn each_signal_has_its_symptom() {
         let trap = |signal, stack_overflow| Trap {
-            evidence: TrapEvidence { signal, address: 0, pc: 0, sp: 0 },
+            evidence: TrapEvidence::new(signal, 0, 0),
             stack_overflow,
             exited: signal == 0,
             at_ns: 0,

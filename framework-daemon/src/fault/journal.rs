@@ -5,6 +5,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
+use std::os::fd::OwnedFd;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -23,6 +24,7 @@ pub struct Journal {
     sequence: u64,
     /// The last line is incomplete: the next one must not be glued to it.
     torn: bool,
+    last: Option<Value>,
 }
 
 impl Journal {
@@ -39,14 +41,29 @@ impl Journal {
         if !file.metadata()?.is_file() {
             return Err(io::Error::other("it is no regular file: name a file with --journal FILE"));
         }
-        let torn = !ends_with_newline(&file)?;
-        Ok(Self { file, path: path.to_owned(), sequence: 0, torn })
+        let tail = tail(&file)?;
+        let torn = !tail.is_empty() && !tail.ends_with('\n');
+        Ok(Self { file, path: path.to_owned(), sequence: 0, torn, last: last_line(&tail) })
     }
 
     /// Where it is.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// What the last run wrote last; `None`: nothing, or it is damaged.
+    #[must_use]
+    pub const fn last(&self) -> Option<&Value> {
+        self.last.as_ref()
+    }
+
+    /// A descriptor of the file, for a crash record.
+    ///
+    /// # Errors
+    /// When the process has no descriptor left.
+    pub fn descriptor(&self) -> io::Result<OwnedFd> {
+        self.file.try_clone().map(OwnedFd::from)
     }
 
     /// Writes a fault.
@@ -99,11 +116,20 @@ impl Journal {
     }
 }
 
-fn ends_with_newline(file: &File) -> io::Result<bool> {
+/// More than any line has.
+const TAIL_BYTES: u64 = 64 << 10;
+
+/// The end of the file.
+fn tail(file: &File) -> io::Result<String> {
     let len = file.metadata()?.len();
-    let mut last = [0];
-    let read = if len == 0 { 0 } else { file.read_at(&mut last, len - 1)? };
-    Ok(read == 0 || last == *b"\n")
+    let start = len.saturating_sub(TAIL_BYTES);
+    let mut tail = vec![0; (len - start) as usize];
+    let read = file.read_at(&mut tail, start)?;
+    Ok(String::from_utf8_lossy(&tail[..read]).into_owned())
+}
+
+fn last_line(tail: &str) -> Option<Value> {
+    tail.split_inclusive('\n').rfind(|line| line.ends_with('\n')).and_then(unseal)
 }
 
 fn to_value(value: &impl Serialize) -> io::Result<Value> {
@@ -158,6 +184,7 @@ mod tests {
         Journal::open(&path).unwrap().note("start", Map::new()).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         assert!(unseal(text.lines().last().unwrap()).is_some(), "{text}");
+        assert_eq!(Journal::open(&path).unwrap().last().unwrap()["kind"], "start");
         assert!(Journal::open(directory.path()).is_err());
     }
 

@@ -71,8 +71,16 @@ pub const PLUGIN_FILE_BYTES: u64 = 1 << 30;
 pub const STACK_BYTES: usize = 1 << 20;
 /// Alternate signal stack of each guarded thread; AVX-512 frames are large.
 pub const SIGNAL_STACK_BYTES: usize = 64 << 10;
+/// Words of the stack kept of a trap: what the C library's functions without frames leave there, and a little more.
+pub const STACK_WORDS: usize = 16;
 /// Longest panic message, error text or log record kept, in bytes.
 pub const TEXT_BYTES: usize = 400;
+/// Safe outputs of a process.
+pub const SAFE_OUTPUTS: usize = 64;
+/// Longest safe output.
+pub const SAFE_OUTPUT_BYTES: usize = 64;
+/// Longest time that a dying process waits until a device takes its safe output.
+pub const SAFE_OUTPUT_WAIT: Duration = Duration::from_millis(50);
 /// Log records of components waiting to be written.
 pub const LOG_RECORDS: usize = 1_024;
 /// Lines of the daemon's own log waiting to be written.
@@ -99,4 +107,6 @@ const _: () = assert!(STACK_MIN_BYTES < STACK_MAX_BYTES && STACK_MIN_BYTES.is_mu
 const _: () = assert!(PRIORITY_MIN < PRIORITY_MAX);
 const _: () = assert!(PERIOD_MIN.as_nanos() < DURATION_MAX.as_nanos());
 const _: () = assert!(STACK_MIN_BYTES <= STACK_BYTES && STACK_BYTES <= STACK_MAX_BYTES);
+const _: () = assert!(SAFE_OUTPUT_BYTES == component_sdk::context::SAFE_OUTPUT_LIMIT);
+const _: () = assert!(SAFE_OUTPUT_BYTES.is_multiple_of(8), "kept in words");
 const _: () = assert!(TEXT_BYTES >= component_sdk::context::TEXT_LIMIT && TEXT_BYTES <= u16::MAX as usize);

@@ -5,10 +5,11 @@
 
 use std::cell::Cell;
 
-use abi_stable::std_types::RStr;
+use abi_stable::std_types::{RSlice, RStr};
 
 use crate::model::fault::ShortText;
-use crate::sys::{clock, log_ring};
+use crate::model::limits::SAFE_OUTPUT_BYTES;
+use crate::sys::{clock, log_ring, safe_outputs};
 
 /// A panic as the plugin's hook saw it.
 #[derive(Clone, Copy)]
@@ -113,4 +114,13 @@ pub extern "C" fn note_injection() {
 /// not active yet; the log says so.
 pub extern "C" fn critical(name: RStr<'_>, _address: *mut u8, _len: usize) {
     log_ring::put(4, SLOT.get(), name.as_str());
+}
+
+/// [`component_sdk::abi::host::HostApi::safe_output`].
+pub extern "C" fn safe_output(fd: i32, bytes: RSlice<'_, u8>) {
+    let (mut copy, len) = ([0; SAFE_OUTPUT_BYTES + 1], bytes.len().min(SAFE_OUTPUT_BYTES + 1));
+    copy[..len].copy_from_slice(&bytes.as_slice()[..len]);
+    if let Err(refused) = safe_outputs::set(fd, &copy[..len]) {
+        log_ring::put(1, SLOT.get(), ShortText::of(format_args!("{refused}")).as_str());
+    }
 }

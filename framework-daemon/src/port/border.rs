@@ -76,6 +76,7 @@ pub static HOST: HostApi = HostApi {
     publish,
     give_back,
     read,
+    safe_output: host::safe_output,
 };
 
 fn binding<'a>(handle: PortHandle) -> &'a Binding {

@@ -1,13 +1,22 @@
 //! The operating system: clock, threads, fibers, traps, wake-ups. Most of the daemon's unsafe code has its address here.
 
+/// All that depends on the processor.
+mod arch;
+
 /// The monotonic clock.
 pub mod clock;
 
 /// A callback runs on a fiber: it may end by a trap without taking its thread along.
 pub mod fiber;
 
+/// What the process still says when it dies by a trap.
+pub mod last_words;
+
 /// Log records of components, written by an ordinary thread.
 pub mod log_ring;
+
+/// What is written to actuators when the process dies.
+pub mod safe_outputs;
 
 /// The end of the process, as plugins see it.
 pub mod shield;

@@ -9,14 +9,9 @@ use std::ffi::CStr;
 
 use super::trap;
 
-/// On a fiber: SIGABRT without glibc's lock, so that the trap handler ends the fiber. Elsewhere: the end of the process.
+/// SIGABRT without glibc's lock: the trap handler ends the fiber, or elsewhere says the process's last words and ends it.
 #[unsafe(no_mangle)]
 pub extern "C" fn abort() -> ! {
-    if trap::on_fiber() {
-        trap::raise_abort();
-    }
-    // SAFETY: the default action of a signal that is ours to set.
-    unsafe { libc::signal(libc::SIGABRT, libc::SIG_DFL) };
     trap::raise_abort();
     real(c"_exit", 134)
 }

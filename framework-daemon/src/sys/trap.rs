@@ -1,4 +1,4 @@
-//! Fatal signals on a fiber end the fiber; anywhere else the previous handler decides.
+//! Fatal signals on a fiber end the fiber; anywhere else the process says its last words and ends.
 //!
 //! The handler asks first whether foreign code runs on this thread: a fiber is armed and the stack pointer lies in it.
 //! It allocates nothing, takes no lock and calls nothing that is not async-signal-safe.
@@ -6,12 +6,13 @@
 
 use std::cell::Cell;
 use std::sync::Once;
-use std::sync::atomic::{AtomicPtr, Ordering};
 
 use corosensei::trap::CoroutineTrapHandler;
 
-use super::clock;
+use super::last_words::Death;
+use super::{arch, clock, last_words};
 use crate::model::fault::TrapEvidence;
+use crate::model::limits::STACK_WORDS;
 
 /// The signals that end a fiber.
 pub const SIGNALS: [i32; 5] = [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT];
@@ -40,6 +41,25 @@ impl Armed {
     /// Of the fiber of that handler, with the lower end of its stack.
     pub(super) const fn new(handler: CoroutineTrapHandler<()>, stack_low: usize) -> Self {
         Self { handler, stack_low }
+    }
+
+    /// The link register and the top of the stack, as far as they can be read.
+    fn top(&self, context: &libc::ucontext_t, sp: usize) -> [u64; STACK_WORDS] {
+        let mut words = [0; STACK_WORDS];
+        let link = arch::link(context);
+        words[0] = link.unwrap_or_default();
+        let sound = sp.is_multiple_of(size_of::<u64>()) && sp >= self.stack_low + GUARD_BYTES;
+        let places = (sp..).step_by(size_of::<u64>()).take_while(|place| {
+            sound
+                && self.handler.stack_ptr_in_bounds(*place)
+                && self.handler.stack_ptr_in_bounds(*place + size_of::<u64>())
+        });
+        for (word, place) in words[usize::from(link.is_some())..].iter_mut().zip(places) {
+            // SAFETY: the word lies between the guard page and the upper end of a stack that is mapped, and its fiber is
+            // interrupted.
+            *word = unsafe { std::ptr::with_exposed_provenance::<u64>(place).read() };
+        }
+        words
     }
 }
 
@@ -94,30 +114,20 @@ pub fn raise_exit() {
     raise_abort();
 }
 
-static PREVIOUS: [AtomicPtr<libc::sigaction>; SIGNALS.len()] =
-    [const { AtomicPtr::new(std::ptr::null_mut()) }; SIGNALS.len()];
-
 /// Takes the fatal signals over from whoever had them, once in a process.
 pub fn install() {
     static ONCE: Once = Once::new();
-    ONCE.call_once(|| {
-        for (index, signal) in SIGNALS.into_iter().enumerate() {
-            install_one(index, signal);
-        }
-    });
+    ONCE.call_once(|| SIGNALS.into_iter().for_each(install_one));
 }
 
-fn install_one(index: usize, signal: i32) {
-    // SAFETY: an all-zero `sigaction` is valid; `sigaction` reads the new and fills the old one; the handler has the
-    // signature that SA_SIGINFO asks for. Leaking the old one keeps it valid for the handler for ever.
+fn install_one(signal: i32) {
+    // SAFETY: an all-zero `sigaction` is valid; the handler has the signature that SA_SIGINFO asks for.
     unsafe {
         let mut new: libc::sigaction = std::mem::zeroed();
         new.sa_sigaction = handle as extern "C" fn(i32, *mut libc::siginfo_t, *mut libc::c_void) as usize;
         // No SA_NODEFER: a second trap of this kind inside the handler ends the process instead of recursing.
         new.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK;
-        let old = Box::leak(Box::new(std::mem::zeroed::<libc::sigaction>()));
-        libc::sigaction(signal, &raw const new, std::ptr::from_mut(old));
-        PREVIOUS[index].store(old, Ordering::Release);
+        libc::sigaction(signal, &raw const new, std::ptr::null_mut());
     }
 }
 
@@ -129,14 +139,24 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     // SAFETY: a fiber is armed only while it runs, borrowed by this very thread.
     let armed = unsafe { ARMED.get().as_ref() };
     let sent = is_sent(info);
+    // SAFETY: all of these signals carry an address where an instruction caused them.
+    let address = if sent.is_some() { 0 } else { unsafe { info.si_addr() }.addr() };
     let Some(armed) = armed.filter(|armed| armed.handler.stack_ptr_in_bounds(sp) && sent != Some(false)) else {
-        return if sent.is_some() { end_by(signal) } else { chain(signal, info, context) };
+        let sender = sent.map(|_| sender(info));
+        last_words::speak(&Death { signal, address, pc, sender });
+        return end_by(signal);
     };
-    // SAFETY: all of these signals but SIGABRT carry an address.
-    let address = if signal == libc::SIGABRT { 0 } else { unsafe { info.si_addr() }.addr() };
     let guard = armed.stack_low..armed.stack_low + GUARD_BYTES;
     TRAP.set(Some(Trap {
-        evidence: TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 },
+        evidence: TrapEvidence {
+            signal,
+            code: info.si_code,
+            address: address as u64,
+            pc: pc as u64,
+            sp: sp as u64,
+            stack: armed.top(context, sp),
+            registers: arch::registers(context),
+        },
         stack_overflow: signal == libc::SIGSEGV && guard.contains(&address),
         exited: EXITING.replace(false),
         at_ns,
@@ -148,34 +168,23 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
 
 /// Some when the signal was sent and not caused by an instruction; true when this process sent it to itself (`abort`).
 fn is_sent(info: &libc::siginfo_t) -> Option<bool> {
-    // SAFETY: a signal that was sent carries its sender.
-    (info.si_code <= 0).then(|| unsafe { info.si_pid() == libc::getpid() })
+    // SAFETY: a system call without arguments.
+    (info.si_code <= 0).then(|| sender(info) == unsafe { libc::getpid() })
 }
 
-/// The process ends by this signal, as its supervisor expects. (The standard library's handler, to which a trap would be
-/// handed on, expects the instruction to fault again; a signal that was sent does not.)
+fn sender(info: &libc::siginfo_t) -> i32 {
+    // SAFETY: asked only of a signal that was sent, which carries its sender.
+    unsafe { info.si_pid() }
+}
+
+/// The process ends by this signal, as its supervisor expects. Not by the standard library's handler: it writes to a stderr
+/// that nobody may read.
 fn end_by(signal: i32) {
     // SAFETY: the default action is restored; the signal is blocked while its handler runs and ends the process when that
     // returns.
     unsafe {
         libc::signal(signal, libc::SIG_DFL);
         libc::raise(signal);
-    }
-}
-
-/// Not ours: the previous handler's turn, or the default: the process ends by this signal.
-fn chain(signal: i32, info: &mut libc::siginfo_t, context: &mut libc::ucontext_t) {
-    let index = SIGNALS.iter().position(|known| *known == signal).unwrap_or(0);
-    // SAFETY: `install_one` stored a leaked, initialised `sigaction` or nothing.
-    let previous = unsafe { PREVIOUS[index].load(Ordering::Acquire).as_ref() };
-    match previous {
-        Some(old) if old.sa_sigaction > libc::SIG_IGN && old.sa_flags & libc::SA_SIGINFO != 0 => {
-            // SAFETY: with SA_SIGINFO the field holds a function of this signature.
-            let call: extern "C" fn(i32, *mut libc::siginfo_t, *mut libc::c_void) =
-                unsafe { std::mem::transmute(old.sa_sigaction) };
-            call(signal, info, std::ptr::from_mut(context).cast());
-        }
-        _ => end_by(signal),
     }
 }
 

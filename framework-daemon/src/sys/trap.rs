@@ -10,7 +10,7 @@ use std::sync::Once;
 use corosensei::trap::CoroutineTrapHandler;
 
 use super::last_words::Death;
-use super::{arch, clock, last_words};
+use super::{arch, clock, last_words, text};
 use crate::model::fault::TrapEvidence;
 use crate::model::limits::STACK_WORDS;
 
@@ -117,7 +117,10 @@ pub fn raise_exit() {
 /// Takes the fatal signals over from whoever had them, once in a process.
 pub fn install() {
     static ONCE: Once = Once::new();
-    ONCE.call_once(|| SIGNALS.into_iter().for_each(install_one));
+    ONCE.call_once(|| {
+        text::install();
+        SIGNALS.into_iter().for_each(install_one);
+    });
 }
 
 fn install_one(signal: i32) {

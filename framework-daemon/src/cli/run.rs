@@ -8,7 +8,7 @@ use clap::Args;
 use component_sdk::abi::inject::{self, INJECTIONS};
 
 use super::exit_code::Exit;
-use crate::daemon::{self, Injection, RunError, Settings};
+use crate::daemon::{self, Ending, Injection, RunError, Settings};
 use crate::model::limits::SHUTDOWN_STEP;
 use crate::plugin::probe;
 use crate::sys::log_ring::{self, Lines};
@@ -18,6 +18,7 @@ const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --
      In place of a slot, `daemon` is the daemon itself (crash.segv, crash.abort, crash.panic): it writes the safe outputs of its\n     \
      actuators and a crash record, and ends by the signal.\n\n\
      SIGHUP reloads the profiles, all or nothing. SIGTERM and SIGINT end in order; a second one leaves at once.\n\
+     SIGUSR1 writes the status of all slots into log and journal.\n\
      When all slots run, a line that begins with `ready` is printed.";
 
 /// Long enough for the log's thread to write what it has; short enough for motors that turn meanwhile.
@@ -59,7 +60,9 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> io::Result<Exit> {
     log_ring::flush(SHUTDOWN_STEP);
     let mut err = io::stderr();
     match result {
-        Ok(()) => Ok(Exit::Done),
+        Ok(Ending::Stopped) => Ok(Exit::Done),
+        // The log said why; whoever supervises it sees a failure and starts it again.
+        Ok(Ending::Restart(_)) => Ok(Exit::Failed),
         Err(RunError::Usage(reasons)) => tell(&reasons, &mut err).map(|()| Exit::Usage),
         Err(RunError::Profiles(diagnostics)) => {
             diagnostics.iter().try_for_each(|diagnostic| writeln!(err, "{diagnostic}"))?;

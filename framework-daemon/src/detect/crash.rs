@@ -40,6 +40,7 @@ mod tests {
             evidence: TrapEvidence::new(signal, 0, 0),
             stack_overflow,
             exited: signal == 0,
+            asked: false,
             at_ns: 0,
         };
         let seen =

@@ -3,5 +3,8 @@
 /// How a callback ended, as a symptom.
 pub mod crash;
 
+/// Whether memory may be damaged after a fault.
+pub mod taint;
+
 /// A value outside its range, and for how long.
 pub mod range;

@@ -4,7 +4,7 @@
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
 use super::unit::{Parts, Unit};
-use crate::detect::crash;
+use crate::detect::{crash, taint};
 use crate::model::fault::{Evidence, Fault, ShortText};
 use crate::model::symptom::Symptom;
 use crate::plugin::host;
@@ -87,7 +87,7 @@ pub fn side_report() -> Option<Fault> {
     let (symptom, evidence) =
         raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
     let now = clock::now_ns();
-    Some(Fault { symptom, at_ns: now, detected_ns: now, injected: false, evidence })
+    Some(Fault::told(symptom, now, evidence))
 }
 
 fn guarded(
@@ -108,12 +108,14 @@ fn guarded(
 fn trapped() -> Fault {
     let Some(trap) = trap::take() else { return told(Symptom::CrashSegv, "a trap that left no trace") };
     // Whatever the callback had told before it trapped is not the reason.
-    let injected = forget_notes();
+    let (injected, symptom) = (forget_notes(), crash::of_trap(&trap));
     Fault {
-        symptom: crash::of_trap(&trap),
+        symptom,
         at_ns: injected.unwrap_or(trap.at_ns),
         detected_ns: clock::now_ns(),
         injected: injected.is_some(),
+        memory: taint::of_trap(symptom, &trap, false),
+        thread_lost: false,
         evidence: Evidence::Trap(trap.evidence),
     }
 }
@@ -128,7 +130,11 @@ pub(super) fn told(symptom: Symptom, text: &str) -> Fault {
         _ => Evidence::Text { message: host::take_error().unwrap_or_else(|| ShortText::new(text)) },
     };
     let injected = forget_notes();
-    Fault { symptom, at_ns: injected.unwrap_or(detected_ns), detected_ns, injected: injected.is_some(), evidence }
+    Fault {
+        at_ns: injected.unwrap_or(detected_ns),
+        injected: injected.is_some(),
+        ..Fault::told(symptom, detected_ns, evidence)
+    }
 }
 
 fn forget_notes() -> Option<u64> {

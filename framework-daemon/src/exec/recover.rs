@@ -12,7 +12,7 @@ use super::callback::{self, Call};
 use super::member::{Crew, Member};
 use super::slot::Status;
 use super::unit::Unit;
-use crate::model::fault::{Fault, FaultEvent, Outcome, ShortText, Times};
+use crate::model::fault::{Fault, FaultEvent, Memory, Outcome, ShortText, Times};
 use crate::model::ladder::Answer;
 use crate::model::lifecycle::Event;
 use crate::model::limits::RECOVERY_STEPS_MAX;
@@ -239,6 +239,9 @@ impl Member {
         mut times: Times,
         crew: &Crew,
     ) {
+        if fault.memory == Memory::Suspect {
+            Status::count(&self.slot.status.tainted);
+        }
         times.detected_ns = fault.detected_ns.saturating_sub(fault.at_ns);
         let event = FaultEvent {
             slot: self.slot.name,

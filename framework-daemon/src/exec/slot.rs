@@ -53,6 +53,8 @@ pub struct Status {
     pub faults: AtomicU64,
     /// Instances that are never entered again and never freed.
     pub quarantined: AtomicU64,
+    /// Faults after which memory may be damaged.
+    pub tainted: AtomicU64,
     /// Longest `on_execute` in nanoseconds.
     pub longest_ns: AtomicU64,
 }
@@ -68,6 +70,7 @@ impl Status {
             missed: AtomicU64::new(0),
             faults: AtomicU64::new(0),
             quarantined: AtomicU64::new(0),
+            tainted: AtomicU64::new(0),
             longest_ns: AtomicU64::new(0),
         }
     }

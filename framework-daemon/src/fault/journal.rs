@@ -13,7 +13,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use crate::model::fault::FaultEvent;
+use crate::model::fault::{Evidence, FaultEvent};
+use crate::plugin::symbols::Origin;
 use crate::sys::clock;
 
 /// An open journal.
@@ -70,18 +71,27 @@ impl Journal {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn fault(&mut self, event: &FaultEvent) -> io::Result<()> {
+    pub fn fault(&mut self, event: &FaultEvent, origin: &Origin) -> io::Result<()> {
         #[derive(Serialize)]
         struct Diagnosis<'a> {
             faulty: &'a str,
             severity: crate::model::symptom::Severity,
+        }
+        #[derive(Serialize)]
+        struct Found<'a> {
+            #[serde(flatten)]
+            evidence: &'a Evidence,
+            #[serde(flatten)]
+            origin: &'a Origin,
         }
         let mut line = Map::new();
         line.insert("slot".into(), event.slot.into());
         line.insert("class".into(), event.class.into());
         line.insert("symptom".into(), event.fault.symptom.name().into());
         line.insert("injected".into(), event.fault.injected.into());
-        line.insert("evidence".into(), to_value(&event.fault.evidence)?);
+        line.insert("memory".into(), to_value(&event.fault.memory)?);
+        line.insert("thread_lost".into(), event.fault.thread_lost.into());
+        line.insert("evidence".into(), to_value(&Found { evidence: &event.fault.evidence, origin })?);
         line.insert("diagnosis".into(), to_value(&Diagnosis { faulty: event.slot, severity: event.severity })?);
         line.insert("action".into(), to_value(&event.answer)?);
         line.insert("successor".into(), event.successor.map_or(Value::Null, Value::from));

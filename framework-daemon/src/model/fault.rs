@@ -82,8 +82,39 @@ pub struct Fault {
     pub detected_ns: u64,
     /// It was provoked by a drill.
     pub injected: bool,
+    /// Whether memory may be damaged.
+    pub memory: Memory,
+    /// The thread that it struck was given up.
+    pub thread_lost: bool,
     /// What it rests on.
     pub evidence: Evidence,
+}
+
+impl Fault {
+    /// One that a component told of by itself, now.
+    #[must_use]
+    pub const fn told(symptom: Symptom, now_ns: u64, evidence: Evidence) -> Self {
+        Self {
+            symptom,
+            at_ns: now_ns,
+            detected_ns: now_ns,
+            injected: false,
+            memory: Memory::Sound,
+            thread_lost: false,
+            evidence,
+        }
+    }
+}
+
+/// What is presumed of the memory that a component shares with all others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Memory {
+    /// The fault was an ordinary bug.
+    #[default]
+    Sound,
+    /// Something may have been written where it does not belong.
+    Suspect,
 }
 
 /// What a symptom rests on.
@@ -220,6 +251,13 @@ pub struct FaultEvent {
     pub outcome: Outcome,
     /// When.
     pub times: Times,
+}
+
+/// Asks the main loop to end in order, so that the daemon's supervisor starts it anew.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RestartRequest {
+    /// Why.
+    pub reason: String,
 }
 
 /// Where executors put fault events; the fault manager holds the other end. Bounded: what does not fit is counted.

@@ -69,12 +69,17 @@ pub const SPARES_MAX: u32 = 64;
 pub const PLUGIN_FILE_BYTES: u64 = 1 << 30;
 /// Ranges of machine code that are told apart: one for each loaded plugin and library.
 pub const TEXTS: usize = 1_024;
+/// Largest file whose symbols are read for the evidence of a fault.
+pub const SYMBOL_FILE_BYTES: u64 = 256 << 20;
 /// Address space of a fiber's stack where the profile says nothing; only touched pages take memory.
 pub const STACK_BYTES: usize = 1 << 20;
 /// Alternate signal stack of each guarded thread; AVX-512 frames are large.
 pub const SIGNAL_STACK_BYTES: usize = 64 << 10;
-/// Words of the stack kept of a trap: what the C library's functions without frames leave there, and a little more.
-pub const STACK_WORDS: usize = 16;
+/// Words kept of the top of a trap's stack: those of the C library's functions between the trap and the plugin. No more than
+/// other evidence takes anyway.
+pub const STACK_WORDS: usize = 64;
+/// Addresses below are those of nothing, plus the offset of a field.
+pub const NULL_PAGE_BYTES: u64 = 64 << 10;
 /// Longest panic message, error text or log record kept, in bytes.
 pub const TEXT_BYTES: usize = 400;
 /// Safe outputs of a process.
@@ -97,6 +102,10 @@ pub const SPARE_BLOCKS: usize = 2;
 pub const SHUTDOWN_STEP: Duration = Duration::from_millis(500);
 /// Longest time that a constructor with `initialize`, or `start`, may take before a boot or reload is given up.
 pub const BOOT_STEP: Duration = Duration::from_secs(10);
+/// Threads that may be given up before the daemon asks its supervisor for a restart. Each costs its stack.
+pub const LOST_THREADS_MAX: u64 = 512;
+/// Instances that may be given up before the daemon asks its supervisor for a restart. None of them is ever freed.
+pub const QUARANTINED_MAX: u64 = 1_000_000;
 /// Recoveries tried for one fault before the slot is stopped.
 pub const RECOVERY_STEPS_MAX: usize = 2 * SECONDARIES;
 

@@ -21,7 +21,7 @@ pub mod safe_outputs;
 /// The end of the process, as plugins see it.
 pub mod shield;
 
-/// HUP, TERM, INT as values on a channel.
+/// HUP, TERM, INT, USR1 as values on a channel.
 pub mod signals;
 
 /// Whose machine code an address belongs to.

@@ -26,6 +26,8 @@ pub struct Trap {
     pub stack_overflow: bool,
     /// The component called `exit` or one of its kin.
     pub exited: bool,
+    /// The component called `abort`, or a runtime of its own did.
+    pub asked: bool,
     /// When the handler was entered.
     pub at_ns: u64,
 }
@@ -67,6 +69,7 @@ thread_local! {
     // `const` and without destructor: the handler may read it at any moment.
     static ARMED: Cell<*const Armed> = const { Cell::new(std::ptr::null()) };
     static EXITING: Cell<bool> = const { Cell::new(false) };
+    static ASKED: Cell<bool> = const { Cell::new(false) };
     static TRAP: Cell<Option<Trap>> = const { Cell::new(None) };
 }
 
@@ -97,6 +100,7 @@ pub fn on_fiber() -> bool {
 
 /// Sends SIGABRT to this thread; returns only where nobody handles it.
 pub fn raise_abort() {
+    ASKED.set(true);
     // SAFETY: the set is initialised by `sigemptyset`; the system calls take no other memory and are directed at this
     // thread. It is unblocked first: a plugin may have masked it.
     unsafe {
@@ -162,6 +166,7 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
         },
         stack_overflow: signal == libc::SIGSEGV && guard.contains(&address),
         exited: EXITING.replace(false),
+        asked: ASKED.replace(false),
         at_ns,
     }));
     // SAFETY: the interrupted stack pointer lies in this fiber, which is alive: it is armed only while it runs. All

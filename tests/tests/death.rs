@@ -86,7 +86,7 @@ fn the_journal_survives_kill_9_at_any_moment() {
     assert_eq!(kinds, ["start", "stop"]);
 }
 
-/// A robot whose motion board is the other end of a pseudo-terminal.
+/// A robot whose motion board is the other end of a pseudo-terminal, and that takes its time to end.
 struct Robot {
     board: TTYPort,
     _device: TTYPort,
@@ -100,7 +100,9 @@ impl Robot {
         let name = device.name().expect("it has a name");
         let inside =
             format!("<properties><property name=\"device\" type=\"string\">{name}</property></properties>{RESET}");
-        let profiles = Profiles::new(&application(&[slot("board", "MotionBoard", &inside)], &[]));
+        let mut slots = vec![slot("board", "MotionBoard", &inside)];
+        slots.extend((0..20).map(|number| slot(&format!("stubborn{number}"), "Stubborn", "")));
+        let profiles = Profiles::new(&application(&slots, &[]));
         profiles.describe(&plugin_dir().join("libmotion_board.so"));
         Self { board, _device: device, profiles }
     }
@@ -138,6 +140,13 @@ fn die(journal: &Path, arguments: &[&str], happens: impl FnOnce(&Running)) -> (s
 }
 
 fn dies_by(arguments: &[&str], happens: impl FnOnce(&Running), signal: i32) -> Value {
+    let crash = last_words(arguments, happens, signal, "the last run ended by a crash of the daemon itself: SIG");
+    assert_eq!(crash["kind"], "crash");
+    crash
+}
+
+/// What the journal's last line says of a daemon that ended by `signal` after it had stopped the motors.
+fn last_words(arguments: &[&str], happens: impl FnOnce(&Running), signal: i32, told: &str) -> Value {
     let scratch = tempfile::tempdir().unwrap();
     let journal = scratch.path().join("journal.jsonl");
     let (status, heard) = die(&journal, arguments, happens);
@@ -146,11 +155,10 @@ fn dies_by(arguments: &[&str], happens: impl FnOnce(&Running), signal: i32) -> V
     assert!(heard.len() > 3 * stop.len() && heard.ends_with(&stop), "the stop is not the last word: {heard:?}");
     let text = std::fs::read_to_string(&journal).unwrap();
     let crash = unseal(text.lines().last().unwrap()).expect("the crash record is whole");
-    assert_eq!((crash["kind"].as_str(), crash["signal"].as_i64()), (Some("crash"), Some(i64::from(signal))));
-    assert_eq!(crash["safe_outputs"], 1);
+    assert_eq!((crash["signal"].as_i64(), crash["safe_outputs"].as_u64()), (Some(i64::from(signal)), Some(1)));
     let robot = Robot::new();
     let next = Running::spawn_on(&journal, robot.profiles.path(), &[]).ready();
-    next.wait_for("the last run ended by a crash of the daemon itself: SIG");
+    next.wait_for(told);
     crash
 }
 
@@ -171,6 +179,18 @@ fn an_abort_or_a_panic_of_the_daemon_itself_stops_the_motors_too() {
 fn a_fatal_signal_from_outside_stops_the_motors_first() {
     let crash = dies_by(&[], |daemon| daemon.signal("SEGV"), 11);
     assert!(crash["sender"].as_u64() > Some(0));
+}
+
+#[test]
+fn a_second_signal_stops_the_motors_before_it_leaves_at_once() {
+    // Those that do not return from `stop` were started last, so they are asked first.
+    let twice = |daemon: &Running| {
+        daemon.signal("TERM");
+        daemon.wait_for("`stop` did not return");
+        daemon.signal("TERM");
+    };
+    let left = last_words(&[], twice, 9, "the last run was left at once by a second signal");
+    assert_eq!(left["kind"], "left");
 }
 
 #[test]

@@ -63,6 +63,10 @@ pub fn last_run(last: &Map<String, Value>) -> Option<String> {
     match last.get("kind").and_then(Value::as_str) {
         Some("stop") => None,
         Some("start") if last.get("accepted") == Some(&Value::Bool(false)) => None,
+        Some("left") => Some(format!(
+            "the last run was left at once by a second signal; {} safe outputs were written",
+            number("safe_outputs")
+        )),
         Some("crash") => {
             let trap = TrapEvidence::new(number("signal") as i32, number("address"), number("pc"));
             Some(format!(
@@ -98,6 +102,7 @@ mod tests {
         assert_eq!(told(json!({"kind": "stop"})), None);
         assert_eq!(told(json!({"kind": "start", "accepted": false})), None);
         assert!(told(json!({"kind": "fault"})).unwrap().contains("did not end in order"));
+        assert!(told(json!({"kind": "left", "safe_outputs": 1})).unwrap().contains("second signal; 1 safe"));
         let crash =
             told(json!({"kind": "crash", "signal": 11, "address": 8, "pc": 4096, "base": 16, "safe_outputs": 2}));
         assert!(crash.unwrap().contains("SIGSEGV at address 0x8, 0xff0 bytes into its program; 2 safe outputs"));

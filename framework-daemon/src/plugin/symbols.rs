@@ -54,8 +54,8 @@ pub struct Symbols {
 impl Symbols {
     /// Where a trap struck, and from where in a plugin that was called.
     pub fn origin(&mut self, trap: &TrapEvidence) -> Origin {
-        let is_plugin = |address: u64| usize::try_from(address).is_ok_and(text::is_plugin);
-        let caller = trap.stack.into_iter().find(|word| is_plugin(*word)).filter(|_| !is_plugin(trap.pc));
+        let is_plugin = |address: &u64| usize::try_from(*address).is_ok_and(text::is_plugin);
+        let caller = if is_plugin(&trap.pc) { None } else { trap.stack.into_iter().find(is_plugin) };
         // A return address may lie behind the last instruction of its function: the call is before it.
         let caller = caller.and_then(|address| self.place(address - 1)).map(|place| place.to_string());
         Origin { at: self.place(trap.pc), caller }

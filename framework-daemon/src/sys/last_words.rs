@@ -10,9 +10,20 @@ use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 
 use super::{clock, safe_outputs};
 
+/// How the process ends, as the journal's record names it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// By a trap, or a fatal signal that somebody sent.
+    Crash,
+    /// At once, because it was told so twice.
+    Left,
+}
+
 /// What the process dies of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Death {
+    /// How it ends.
+    pub end: End,
     /// Signal number.
     pub signal: i32,
     /// Address that was accessed; 0 where the signal carries none.
@@ -30,6 +41,11 @@ static SINK: AtomicI32 = AtomicI32::new(-1);
 /// The thread that speaks.
 static SPEAKER: AtomicI32 = AtomicI32::new(0);
 static SPOKEN: AtomicBool = AtomicBool::new(false);
+
+impl Death {
+    /// Nobody waits for the components any more.
+    pub const LEFT: Self = Self { end: End::Left, signal: libc::SIGKILL, address: 0, pc: 0, sender: None };
+}
 
 /// Opens all that a dying process cannot open any more. `record` is the journal, opened for appending and reading.
 ///
@@ -84,9 +100,10 @@ fn record(death: &Death, outputs: u32, thread: i32) {
 }
 
 fn compose(line: &mut Line, death: &Death, outputs: u32, thread: i32) -> std::fmt::Result {
-    let Death { signal, address, pc, sender } = death;
+    let Death { end, signal, address, pc, sender } = death;
+    let kind = if *end == End::Crash { "crash" } else { "left" };
     let (now, wall) = (clock::now_ns(), clock::wall());
-    write!(line, "{{\"kind\":\"crash\",\"mono_ns\":{now},\"wall\":{}.{:03},", wall.tv_sec, wall.tv_nsec / 1_000_000)?;
+    write!(line, "{{\"kind\":\"{kind}\",\"mono_ns\":{now},\"wall\":{}.{:03},", wall.tv_sec, wall.tv_nsec / 1_000_000)?;
     write!(line, "\"signal\":{signal},\"address\":{address},\"pc\":{pc},\"base\":{},\"thread\":{thread},", base())?;
     if let Some(sender) = sender {
         write!(line, "\"sender\":{sender},")?;
@@ -150,7 +167,8 @@ pub fn trap() {
 mod tests {
     use super::*;
 
-    const DEATH: Death = Death { signal: libc::SIGSEGV, address: usize::MAX, pc: usize::MAX, sender: Some(i32::MAX) };
+    const DEATH: Death =
+        Death { end: End::Crash, signal: libc::SIGSEGV, address: usize::MAX, pc: usize::MAX, sender: Some(i32::MAX) };
 
     #[test]
     fn the_longest_record_fits() {

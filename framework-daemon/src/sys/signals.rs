@@ -4,6 +4,8 @@ use crossbeam_channel::Receiver;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::iterator::Signals;
 
+use super::last_words::{self, Death};
+
 /// What a signal asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
@@ -31,7 +33,8 @@ pub fn listen() -> std::io::Result<Receiver<Request>> {
                 _ => Request::Stop,
             };
             if request == Request::Stop && std::mem::replace(&mut stopping, true) {
-                // No word about it: whoever does not read stderr must not be able to stop this.
+                // No word on stderr: whoever does not read it must not be able to stop this. But the motors stop.
+                last_words::speak(&Death::LEFT);
                 nix::sys::signal::raise(nix::sys::signal::Signal::SIGKILL).ok();
             }
             if sender.send(request).is_err() {

@@ -9,7 +9,7 @@ use std::sync::Once;
 
 use corosensei::trap::CoroutineTrapHandler;
 
-use super::last_words::Death;
+use super::last_words::{Death, End};
 use super::{arch, clock, last_words, text};
 use crate::model::fault::TrapEvidence;
 use crate::model::limits::STACK_WORDS;
@@ -150,7 +150,7 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     let address = if sent.is_some() { 0 } else { unsafe { info.si_addr() }.addr() };
     let Some(armed) = armed.filter(|armed| armed.handler.stack_ptr_in_bounds(sp) && sent != Some(false)) else {
         let sender = sent.map(|_| sender(info));
-        last_words::speak(&Death { signal, address, pc, sender });
+        last_words::speak(&Death { end: End::Crash, signal, address, pc, sender });
         return end_by(signal);
     };
     let guard = armed.stack_low..armed.stack_low + GUARD_BYTES;

@@ -67,6 +67,8 @@ pub const SPARES_MAX: u32 = 64;
 
 /// Largest plugin file.
 pub const PLUGIN_FILE_BYTES: u64 = 1 << 30;
+/// Ranges of machine code that are told apart: one for each loaded plugin and library.
+pub const TEXTS: usize = 1_024;
 /// Address space of a fiber's stack where the profile says nothing; only touched pages take memory.
 pub const STACK_BYTES: usize = 1 << 20;
 /// Alternate signal stack of each guarded thread; AVX-512 frames are large.

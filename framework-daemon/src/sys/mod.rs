@@ -15,6 +15,9 @@ pub mod shield;
 /// HUP, TERM, INT as values on a channel.
 pub mod signals;
 
+/// Whose machine code an address belongs to.
+pub mod text;
+
 /// Threads that may run fibers, and how the operating system schedules them.
 pub mod thread;
 

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicPtr, Ordering};
 
 use corosensei::trap::CoroutineTrapHandler;
 
-use super::clock;
+use super::{clock, text};
 use crate::model::fault::TrapEvidence;
 
 /// The signals that end a fiber.
@@ -101,6 +101,7 @@ static PREVIOUS: [AtomicPtr<libc::sigaction>; SIGNALS.len()] =
 pub fn install() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
+        text::install();
         for (index, signal) in SIGNALS.into_iter().enumerate() {
             install_one(index, signal);
         }

@@ -10,7 +10,7 @@ const LAYERS: [&str; 11] =
 
 /// Where unsafe code may live. Each file opens with `#![allow(unsafe_code, reason = "address of unsafe: ...")]`, or allows
 /// it for one function.
-const UNSAFE: [&str; 22] = [
+const UNSAFE: [&str; 31] = [
     "component-sdk/derive/src/comm_object.rs",
     "component-sdk/src/abi/export.rs",
     "component-sdk/src/abi/host.rs",
@@ -27,9 +27,18 @@ const UNSAFE: [&str; 22] = [
     "framework-daemon/src/port/block.rs",
     "framework-daemon/src/port/border.rs",
     "framework-daemon/src/port/check.rs",
+    "framework-daemon/src/sys/arch/aarch64.rs",
+    "framework-daemon/src/sys/arch/mod.rs",
+    "framework-daemon/src/sys/arch/x86_64.rs",
     "framework-daemon/src/sys/clock.rs",
+    "framework-daemon/src/sys/fence.rs",
     "framework-daemon/src/sys/fiber.rs",
-    "framework-daemon/src/sys/shield.rs",
+    "framework-daemon/src/sys/foreign.rs",
+    "framework-daemon/src/sys/shield/leave.rs",
+    "framework-daemon/src/sys/shield/mod.rs",
+    "framework-daemon/src/sys/shield/send.rs",
+    "framework-daemon/src/sys/shield/signals.rs",
+    "framework-daemon/src/sys/shield/threads.rs",
     "framework-daemon/src/sys/text.rs",
     "framework-daemon/src/sys/thread.rs",
     "framework-daemon/src/sys/trap.rs",

@@ -13,8 +13,9 @@ pub const fn of_trap(trap: &Trap) -> Symptom {
         libc::SIGSEGV if trap.stack_overflow => Symptom::CrashStack,
         libc::SIGBUS => Symptom::CrashBus,
         libc::SIGFPE => Symptom::CrashFpe,
-        libc::SIGILL => Symptom::CrashIll,
-        libc::SIGABRT => Symptom::CrashAbort,
+        libc::SIGILL | libc::SIGTRAP => Symptom::CrashIll,
+        // SIGSYS: a fatal signal to the own process by a system call.
+        libc::SIGABRT | libc::SIGSYS => Symptom::CrashAbort,
         _ => Symptom::CrashSegv,
     }
 }

@@ -11,6 +11,7 @@ use crate::plugin::host;
 use crate::port::check;
 use crate::sys::clock;
 use crate::sys::fiber::{Ended, FiberPool};
+use crate::sys::foreign::{Event, Owner};
 use crate::sys::trap;
 
 /// What a callback is entered with.
@@ -40,7 +41,8 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
     let args = CallArgs { hook: call.hook, inject: call.inject, now_ns: clock::now_ns(), fault: call.fault };
     let instance = &mut unit.instance;
     let mut status = CallStatus::Done;
-    if let Err(fault) = guarded(fibers, slot, unit.stack_bytes, &mut || status = instance.enter(&args)) {
+    let owner = Owner { slot, instance: unit.number };
+    if let Err(fault) = guarded(fibers, owner, unit.stack_bytes, &mut || status = instance.enter(&args)) {
         unit.spent = true;
         return Err(fault);
     }
@@ -53,7 +55,8 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
 /// The fault that ended it; for a property that does not fit, with its text.
 pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Result<Unit, Fault> {
     let mut built = None;
-    let ended = guarded(fibers, slot, parts.stack_bytes(), &mut || built = Some(parts.build()));
+    let owner = Owner { slot, instance: parts.number() };
+    let ended = guarded(fibers, owner, parts.stack_bytes(), &mut || built = Some(parts.build()));
     match (ended, built) {
         (Ok(()), Some(Ok(instance))) => Ok(parts.finish(instance)),
         (Ok(()), Some(Err((status, text)))) => Err(told(crash::of_status(status).unwrap_or(Symptom::Error), &text)),
@@ -69,7 +72,8 @@ pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Resul
 pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bool {
     unit.close();
     let instance = &mut unit.instance;
-    unit.spent = unit.spent || guarded(fibers, slot, unit.stack_bytes, &mut || _ = instance.destroy()).is_err();
+    let owner = Owner { slot, instance: unit.number };
+    unit.spent = unit.spent || guarded(fibers, owner, unit.stack_bytes, &mut || _ = instance.destroy()).is_err();
     // A panic in a drop is over when the shim returns; the object is gone.
     let _ = forget_notes();
     let dropped = !unit.spent;
@@ -90,13 +94,8 @@ pub fn side_report() -> Option<Fault> {
     Some(Fault { symptom, at_ns: now, detected_ns: now, injected: false, evidence })
 }
 
-fn guarded(
-    fibers: &mut FiberPool,
-    slot: &'static str,
-    stack_bytes: usize,
-    closure: &mut dyn FnMut(),
-) -> Result<(), Fault> {
-    host::enter_slot(slot);
+fn guarded(fibers: &mut FiberPool, owner: Owner, stack_bytes: usize, closure: &mut dyn FnMut()) -> Result<(), Fault> {
+    host::enter_slot(owner);
     let _ = check::take_report();
     match fibers.run(stack_bytes, closure) {
         Ok(Ended::Returned) => Ok(()),
@@ -116,6 +115,15 @@ fn trapped() -> Fault {
         injected: injected.is_some(),
         evidence: Evidence::Trap(trap.evidence),
     }
+}
+
+/// The fault of a thread that a component started.
+pub(super) fn astray(event: &Event, at_ns: u64) -> Fault {
+    let (symptom, evidence) = match event {
+        Event::Trapped(trap) => (crash::of_trap(trap), Evidence::Trap(trap.evidence)),
+        Event::Panicked(evidence) => (Symptom::CrashPanic, *evidence),
+    };
+    Fault { symptom, at_ns, detected_ns: clock::now_ns(), injected: false, evidence }
 }
 
 /// A fault that was told by a text: what the component noted, or `text` where it noted nothing.

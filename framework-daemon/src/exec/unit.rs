@@ -1,6 +1,7 @@
 //! An instance with its bindings, and the recipe for another one.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use abi_stable::std_types::RStr;
 use component_sdk::abi::class::{CallStatus, ClassDecl, Direction};
@@ -13,6 +14,8 @@ use crate::port::border::Binding;
 
 /// Finds and loads a class when it is needed: `preload="none"`.
 pub type Loader = Arc<dyn Fn() -> Result<Class, String> + Send + Sync>;
+
+static NUMBERS: AtomicU64 = AtomicU64::new(1);
 
 /// Where a class comes from.
 #[derive(Clone)]
@@ -38,6 +41,8 @@ pub struct Recipe {
 pub struct Unit {
     /// The instance.
     pub instance: Instance,
+    /// Its number: no other instance ever has the same.
+    pub number: u64,
     /// Its class's name.
     pub class: &'static str,
     /// Stack of its fibers in bytes.
@@ -51,6 +56,7 @@ pub struct Unit {
 
 /// All that is there before the constructor runs.
 pub struct Parts {
+    number: u64,
     class: Class,
     bindings: Vec<Arc<Binding>>,
     handles: Vec<PortHandle>,
@@ -80,7 +86,8 @@ impl Recipe {
         let bindings = bind(decl, slot)?;
         let handles = bindings.iter().map(Binding::handle).collect();
         let properties = decl.properties.iter().map(|property| self.property(property)).collect();
-        Ok(Parts { class, bindings, handles, properties, stack_bytes: self.stack_bytes })
+        let number = NUMBERS.fetch_add(1, Ordering::Relaxed);
+        Ok(Parts { number, class, bindings, handles, properties, stack_bytes: self.stack_bytes })
     }
 
     fn property(&self, decl: &component_sdk::abi::class::PropertyDecl) -> String {
@@ -114,12 +121,19 @@ impl Parts {
     pub fn finish(self, instance: Instance) -> Unit {
         Unit {
             instance,
+            number: self.number,
             class: self.class.name(),
             stack_bytes: self.stack_bytes,
             spent: false,
             started: false,
             bindings: self.bindings,
         }
+    }
+
+    /// Number of the instance to be.
+    #[must_use]
+    pub const fn number(&self) -> u64 {
+        self.number
     }
 
     /// Stack of its fibers in bytes.

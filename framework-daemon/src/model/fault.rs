@@ -138,6 +138,8 @@ impl TrapEvidence {
             libc::SIGFPE => "SIGFPE",
             libc::SIGILL => "SIGILL",
             libc::SIGABRT => "SIGABRT",
+            libc::SIGSYS => "SIGSYS",
+            libc::SIGTRAP => "SIGTRAP",
             _ => "signal",
         }
     }

@@ -1,15 +1,23 @@
 //! The operating system: clock, threads, fibers, traps, wake-ups. Most of the daemon's unsafe code has its address here.
 
+mod arch;
+
 /// The monotonic clock.
 pub mod clock;
+
+/// System calls that plugin code makes itself.
+pub mod fence;
 
 /// A callback runs on a fiber: it may end by a trap without taking its thread along.
 pub mod fiber;
 
+/// Threads that plugins start.
+pub mod foreign;
+
 /// Log records of components, written by an ordinary thread.
 pub mod log_ring;
 
-/// The end of the process, as plugins see it.
+/// What plugins see as the C library.
 pub mod shield;
 
 /// HUP, TERM, INT as values on a channel.

@@ -10,11 +10,19 @@ use std::sync::atomic::{AtomicPtr, Ordering};
 
 use corosensei::trap::CoroutineTrapHandler;
 
-use super::{clock, text};
+use super::fence::{self, Verdict};
+use super::{clock, foreign, shield, text};
 use crate::model::fault::TrapEvidence;
 
 /// The signals that end a fiber.
-pub const SIGNALS: [i32; 5] = [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT];
+pub const SIGNALS: [i32; 7] =
+    [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT, libc::SIGSYS, libc::SIGTRAP];
+
+/// The signal that a watchdog sends to a thread whose callback is late.
+#[must_use]
+pub fn watchdog_signal() -> i32 {
+    libc::SIGRTMAX() - 3
+}
 
 /// What the handler saw.
 #[derive(Clone, Copy, Debug)]
@@ -127,21 +135,31 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     // SAFETY: the kernel passes valid pointers for the time of the call (SA_SIGINFO).
     let (info, context) = unsafe { (&mut *info, &mut *context.cast::<libc::ucontext_t>()) };
     let (pc, sp) = registers::position(context);
+    let verdict = fence::judge(info, context);
+    if verdict == Some(Verdict::Answered) {
+        return;
+    }
     // SAFETY: a fiber is armed only while it runs, borrowed by this very thread.
     let armed = unsafe { ARMED.get().as_ref() };
     let sent = is_sent(info);
-    let Some(armed) = armed.filter(|armed| armed.handler.stack_ptr_in_bounds(sp) && sent != Some(false)) else {
-        return if sent.is_some() { end_by(signal) } else { chain(signal, info, context) };
-    };
     // SAFETY: all of these signals but SIGABRT carry an address.
     let address = if signal == libc::SIGABRT { 0 } else { unsafe { info.si_addr() }.addr() };
-    let guard = armed.stack_low..armed.stack_low + GUARD_BYTES;
-    TRAP.set(Some(Trap {
+    let mut trap = Trap {
         evidence: TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 },
-        stack_overflow: signal == libc::SIGSEGV && guard.contains(&address),
-        exited: EXITING.replace(false),
+        stack_overflow: false,
+        exited: EXITING.replace(false) || verdict == Some(Verdict::Leaves),
         at_ns,
-    }));
+    };
+    let is_guest = sent != Some(false) && !shield::is_copy();
+    let Some(armed) = armed.filter(|armed| armed.handler.stack_ptr_in_bounds(sp) && is_guest) else {
+        if is_guest {
+            foreign::struck(trap);
+        }
+        return if sent.is_some() { end_by(signal) } else { chain(signal, info, context) };
+    };
+    let guard = armed.stack_low..armed.stack_low + GUARD_BYTES;
+    trap.stack_overflow = signal == libc::SIGSEGV && guard.contains(&address);
+    TRAP.set(Some(trap));
     // SAFETY: the interrupted stack pointer lies in this fiber, which is alive: it is armed only while it runs. All
     // registers that the trap handler names are set, and the handler returns.
     unsafe { registers::redirect(context, &armed.handler.setup_trap_handler(|| ())) };

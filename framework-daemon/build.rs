@@ -8,6 +8,7 @@ const SHIELDED: &[&str] = &[
     "_exit",
     "_Exit",
     "quick_exit",
+    "pause",
     // send
     "kill",
     "killpg",

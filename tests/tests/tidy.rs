@@ -58,7 +58,7 @@ const BANNED: [(&str, &str); 8] = [
     ("println!(", "writeln! to the writer that the verb was given"),
     ("std::thread::park", "sys::wake"),
     (".unwrap()", "an error, or `expect` with the reason why it cannot fail"),
-    ("pthread_cancel", "a deadline, then leave it behind"),
+    ("libc::pthread_cancel", "a deadline, then leave it behind"),
 ];
 
 struct Source {

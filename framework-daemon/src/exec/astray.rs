@@ -10,7 +10,7 @@ impl Member {
     /// Answers what happened on a thread of this slot. A thread that trapped takes its instance along, whose memory it
     /// shared; a panic leaves it sound. What a thread of an earlier instance does is only written down.
     pub fn blame(&mut self, report: &Report, crew: &mut Crew) {
-        let fault = callback::astray(&report.event, report.at_ns);
+        let Some(fault) = callback::astray(&report.event, report.at_ns) else { return };
         let is_lost = fault.symptom.loses_instance();
         let unit = self.unit.as_mut().filter(|unit| unit.number == report.owner.instance);
         let is_present = unit.is_some();

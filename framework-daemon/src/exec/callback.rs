@@ -117,13 +117,14 @@ fn trapped() -> Fault {
     }
 }
 
-/// The fault of a thread that a component started.
-pub(super) fn astray(event: &Event, at_ns: u64) -> Fault {
+/// The fault of a thread that a component started; `None`: it only ended.
+pub(super) fn astray(event: &Event, at_ns: u64) -> Option<Fault> {
     let (symptom, evidence) = match event {
         Event::Trapped(trap) => (crash::of_trap(trap), Evidence::Trap(trap.evidence)),
         Event::Panicked(evidence) => (Symptom::CrashPanic, *evidence),
+        Event::Ended => return None,
     };
-    Fault { symptom, at_ns, detected_ns: clock::now_ns(), injected: false, evidence }
+    Some(Fault { symptom, at_ns, detected_ns: clock::now_ns(), injected: false, evidence })
 }
 
 /// A fault that was told by a text: what the component noted, or `text` where it noted nothing.

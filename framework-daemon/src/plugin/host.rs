@@ -9,7 +9,7 @@ use abi_stable::std_types::RStr;
 
 use crate::model::fault::{Evidence, ShortText};
 use crate::sys::foreign::{self, Owner};
-use crate::sys::{clock, log_ring};
+use crate::sys::{clock, log_ring, shield};
 
 /// A panic as the plugin's hook saw it.
 #[derive(Clone, Copy)]
@@ -99,6 +99,7 @@ pub extern "C" fn note_error(text: RStr<'_>) {
 /// [`component_sdk::abi::host::HostApi::note_panic`].
 pub extern "C" fn note_panic(message: RStr<'_>, file: RStr<'_>, line: u32) {
     let note = PanicNote { message: ShortText::new(message.as_str()), file: ShortText::new(file.as_str()), line };
+    shield::leave::note_panic(note.message.as_str());
     if foreign::is_here() {
         // No callback will ask for it.
         return foreign::panicked(Evidence::Panic { message: note.message, file: note.file, line });

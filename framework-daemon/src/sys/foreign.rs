@@ -43,6 +43,8 @@ pub enum Event {
     Trapped(Trap),
     /// It panicked.
     Panicked(Evidence),
+    /// It ended after a panic.
+    Ended,
 }
 
 /// What happened, where and when.
@@ -70,6 +72,7 @@ thread_local! {
     // `const` and without destructor: the handler may read them at any moment.
     static OWNER: Cell<Owner> = const { Cell::new(Owner::NONE) };
     static HERE: Cell<Option<(usize, usize)>> = const { Cell::new(None) };
+    static PANICKED: Cell<bool> = const { Cell::new(false) };
     // With a destructor: touched by the thread's beginning and end only.
     static GUARD: Cell<Option<Guard>> = const { Cell::new(None) };
 }
@@ -81,6 +84,9 @@ impl Drop for Guard {
     fn drop(&mut self) {
         // The daemon's again: it may take the signal stack away.
         HERE.set(None);
+        if PANICKED.get() {
+            report(Event::Ended, clock::now_ns());
+        }
     }
 }
 
@@ -176,6 +182,7 @@ fn end(trap: Trap) -> ! {
 
 /// A panic on this thread, which a plugin started.
 pub fn panicked(evidence: Evidence) {
+    PANICKED.set(true);
     report(Event::Panicked(evidence), clock::now_ns());
 }
 
@@ -201,13 +208,14 @@ pub fn listen() -> io::Result<Receiver<Report>> {
     });
     let (sender, receiver) = crossbeam_channel::unbounded();
     std::thread::Builder::new().name("foreign".into()).spawn(move || {
+        let mut held = Held::default();
         loop {
-            post.waker.wait_until(None);
-            let reports: Vec<Report> = std::iter::from_fn(|| post.reports.pop()).collect();
-            for report in reports.iter().filter(|report| !is_followed(report, &reports)) {
-                if sender.send(*report).is_err() {
-                    return;
-                }
+            post.waker.wait_until(held.deadline_ns());
+            let mut ready: Vec<Report> =
+                std::iter::from_fn(|| post.reports.pop()).filter_map(|report| held.sort(report)).collect();
+            ready.extend(held.overdue(clock::now_ns()));
+            if ready.into_iter().any(|report| sender.send(report).is_err()) {
+                return;
             }
             let lost = post.lost.swap(0, Ordering::Relaxed);
             if lost > 0 {
@@ -218,8 +226,80 @@ pub fn listen() -> io::Result<Receiver<Report>> {
     Ok(receiver)
 }
 
-/// A panic that ended in a trap of the same thread (a panic in a drop) is one fault: the trap.
-fn is_followed(report: &Report, all: &[Report]) -> bool {
-    let trapped = |other: &&Report| matches!(other.event, Event::Trapped(_)) && other.thread == report.thread;
-    matches!(report.event, Event::Panicked(_)) && all.iter().any(|other| trapped(&other))
+/// How long a panic is held back where its thread neither ends nor traps: somebody caught it.
+const PANIC_PATIENCE_NS: u64 = 20_000_000;
+
+/// Panics whose threads have not ended yet: one that ends in a trap of its thread (a panic in a drop) is one fault, the
+/// trap.
+#[derive(Default)]
+struct Held(Vec<Report>);
+
+impl Held {
+    /// What that report says is certain now.
+    fn sort(&mut self, report: Report) -> Option<Report> {
+        let before = self.0.iter().position(|held| held.thread == report.thread);
+        match report.event {
+            Event::Panicked(_) if before.is_none() => self.0.push(report),
+            Event::Panicked(_) => {}
+            Event::Ended => return before.map(|index| self.0.remove(index)),
+            Event::Trapped(_) => {
+                before.into_iter().for_each(|index| _ = self.0.remove(index));
+                return Some(report);
+            }
+        }
+        None
+    }
+
+    fn deadline_ns(&self) -> Option<u64> {
+        self.0.first().map(|held| held.at_ns + PANIC_PATIENCE_NS)
+    }
+
+    fn overdue(&mut self, now_ns: u64) -> Vec<Report> {
+        self.0.extract_if(.., |held| held.at_ns + PANIC_PATIENCE_NS <= now_ns).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::fault::ShortText;
+
+    const PANICKED: Event = Event::Panicked(Evidence::Text { message: ShortText::EMPTY });
+
+    fn report(event: Event, thread: i32, at_ns: u64) -> Report {
+        Report { owner: Owner::NONE, event, at_ns, thread }
+    }
+
+    fn trapped() -> Event {
+        let evidence = TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 };
+        Event::Trapped(Trap { evidence, stack_overflow: false, exited: false, at_ns: 0 })
+    }
+
+    #[test]
+    fn a_panic_is_told_when_its_thread_has_ended() {
+        let mut held = Held::default();
+        assert!(held.sort(report(PANICKED, 1, 5)).is_none());
+        assert!(held.sort(report(PANICKED, 1, 6)).is_none(), "a second one, while it unwinds");
+        assert!(held.sort(report(Event::Ended, 2, 7)).is_none());
+        assert_eq!(held.sort(report(Event::Ended, 1, 8)).map(|report| report.at_ns), Some(5));
+        assert_eq!(held.deadline_ns(), None);
+    }
+
+    #[test]
+    fn a_panic_that_ends_in_a_trap_is_one_fault() {
+        let mut held = Held::default();
+        assert!(held.sort(report(PANICKED, 1, 5)).is_none());
+        assert!(held.sort(report(trapped(), 2, 6)).is_some());
+        assert!(matches!(held.sort(report(trapped(), 1, 7)), Some(Report { event: Event::Trapped(_), .. })));
+        assert!(held.overdue(u64::MAX).is_empty());
+    }
+
+    #[test]
+    fn a_panic_that_somebody_caught_is_told_later() {
+        let mut held = Held::default();
+        assert!(held.sort(report(PANICKED, 1, 5)).is_none());
+        let deadline = held.deadline_ns().unwrap();
+        assert!(held.overdue(deadline - 1).is_empty());
+        assert_eq!(held.overdue(deadline).len(), 1);
+    }
 }

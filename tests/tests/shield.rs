@@ -19,12 +19,15 @@ fn culprit(deed: &str) -> Profiles {
 /// The daemon outlives the deed each time, blames `culprit` for `symptom`, and stops it in the end; the other slot runs on.
 fn contained(deed: &str, symptom: &str) {
     let mut daemon = Running::start(culprit(deed).path(), &[]);
+    daemon.wait_for("the slot is stopped");
     let faults = daemon.journal("fault", 3);
     for fault in &faults {
         let seen = [&fault["slot"], &fault["symptom"]].map(|field| field.as_str().unwrap_or_default());
         assert_eq!(seen, ["culprit", symptom], "{deed}; the log:\n{}", daemon.log());
     }
-    let actions: Vec<_> = faults.iter().map(|fault| fault["action"].as_str().unwrap_or_default()).collect();
+    // A thread that is late belongs to an instance that is gone: its fault is only written down.
+    let actions = faults.iter().map(|fault| fault["action"].as_str().unwrap_or_default());
+    let actions: Vec<_> = actions.filter(|action| *action != "ignore").collect();
     assert_eq!(actions, ["reset", "reset", "stop"], "{deed}");
     goes_on(&mut daemon, deed);
 }

@@ -1,6 +1,7 @@
 //! The main loop of `run`: boot, then signals until told to stop.
 
 use std::io::Write;
+use std::os::fd::AsFd;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -19,9 +20,10 @@ use crate::supervise::boot::BootError;
 use crate::supervise::reload::reload;
 use crate::supervise::shutdown::shutdown;
 use crate::supervise::system::System;
+use crate::sys::foreign::{self, Report};
 use crate::sys::signals::{self, Request};
 use crate::sys::thread::SignalStack;
-use crate::sys::{last_words, log_ring, trap};
+use crate::sys::{fence, last_words, log_ring, shield, trap};
 
 /// Faults to provoke.
 pub mod drill;
@@ -107,7 +109,10 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
     }
     let requests = signals::listen()?;
     log_ring::start()?;
+    let strays = foreign::listen()?;
     trap::install();
+    shield::install();
+    fence::install();
     // Large enough for the last words of this thread.
     let _signal_stack = SignalStack::new();
     let journal = open_journal(settings)?;
@@ -135,14 +140,14 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
     if reload {
         daemon.reload();
     }
-    Ok(daemon.serve(&requests))
+    Ok(daemon.serve(&requests, &strays))
 }
 
 fn open_journal(settings: &Settings) -> Result<SharedJournal, RunError> {
     let journal = Journal::open(&settings.journal);
     let journal =
         journal.map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
-    journal.descriptor().and_then(last_words::prepare)?;
+    last_words::prepare(journal.as_fd())?;
     if let Some(told) = journal.last().and_then(Value::as_object).and_then(status::last_run) {
         tracing::warn!("{told}");
     }
@@ -179,7 +184,7 @@ struct Daemon<'a> {
 }
 
 impl Daemon<'_> {
-    fn serve(mut self, requests: &Receiver<Request>) -> Ending {
+    fn serve(mut self, requests: &Receiver<Request>, strays: &Receiver<Report>) -> Ending {
         let restarts = self.manager.restarts().clone();
         let ending = loop {
             let alarm =
@@ -199,6 +204,7 @@ impl Daemon<'_> {
                     // The fault manager ends when the last executor does: not before this loop.
                     Err(_) => break Ending::Stopped,
                 },
+                recv(strays) -> report => report.iter().for_each(|report| self.blame(report)),
                 recv(alarm) -> _ => self.inject(),
             }
         };
@@ -208,6 +214,14 @@ impl Daemon<'_> {
         }
         self.stop();
         ending
+    }
+
+    /// Hands a fault on a plugin's thread to the slot that started it.
+    fn blame(&self, report: &Report) {
+        match self.system.slot(report.owner.slot) {
+            Some(placed) => placed.executor.blame(placed.member, *report),
+            None => tracing::error!("a thread of slot `{}`, which is gone, failed: {report:?}", report.owner.slot),
+        }
     }
 
     fn inject(&mut self) {

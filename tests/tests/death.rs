@@ -186,7 +186,7 @@ fn a_second_signal_stops_the_motors_before_it_leaves_at_once() {
     // Those that do not return from `stop` were started last, so they are asked first.
     let twice = |daemon: &Running| {
         daemon.signal("TERM");
-        daemon.wait_for("`stop` did not return");
+        daemon.wait_for("(Stubborn): hang");
         daemon.signal("TERM");
     };
     let left = last_words(&[], twice, 9, "the last run was left at once by a second signal");

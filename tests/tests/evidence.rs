@@ -63,7 +63,11 @@ fn a_wild_address_makes_memory_suspect() {
 #[test]
 fn a_check_of_the_heap_makes_memory_suspect_and_an_abort_does_not() {
     let (_daemon, fault) = first_fault(&doomed("execute", "check"), &[]);
-    assert_eq!((fault["symptom"].as_str(), fault["memory"].as_str()), (Some("crash.abort"), Some("suspect")));
+    assert_eq!(
+        (fault["symptom"].as_str(), fault["memory"].as_str()),
+        (Some("crash.abort"), Some("suspect")),
+        "{fault}"
+    );
     let (_daemon, fault) = first_fault(&doomed("none", ""), &["--inject", "diary:crash.abort@0.1"]);
     assert_eq!((fault["symptom"].as_str(), fault["memory"].as_str()), (Some("crash.abort"), Some("sound")));
     assert!(fault["evidence"]["caller"].as_str().unwrap().contains("libbasic.so"), "{fault}");

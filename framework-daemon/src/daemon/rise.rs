@@ -12,7 +12,7 @@ use crate::profile::plan::Plan;
 use crate::supervise::boot::{self, BootError};
 use crate::supervise::system::System;
 use crate::sys::signals::Request;
-use crate::sys::thread::SignalStack;
+use crate::sys::thread;
 
 /// How a boot ended.
 pub(super) enum Risen {
@@ -42,8 +42,7 @@ pub(super) fn rise(
     let (sender, result) = bounded(1);
     let given_up = Arc::new(AtomicBool::new(false));
     let asked = Arc::clone(&given_up);
-    std::thread::Builder::new().name("boot".into()).spawn(move || {
-        let _stack = SignalStack::new();
+    thread::spawn("boot", move || {
         // Nobody waits for what comes too late.
         let _ = sender.send(boot::boot_unless(&asked, plan, &plugins, faults));
     })?;

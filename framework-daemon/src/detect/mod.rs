@@ -3,6 +3,9 @@
 /// How a callback ended, as a symptom.
 pub mod crash;
 
+/// A callback that returned late.
+pub mod deadline;
+
 /// Whether memory may be damaged after a fault.
 pub mod taint;
 

@@ -6,20 +6,21 @@
 use crate::model::fault::{Memory, TrapEvidence};
 use crate::model::limits::NULL_PAGE_BYTES;
 use crate::model::symptom::Symptom;
-use crate::sys::trap::Trap;
+use crate::sys::trap::{Site, Trap};
 
 /// `si_code` of a fault that the kernel cannot give an address to: one outside the processor's range.
 const SI_KERNEL: i32 = 0x80;
 
-/// Of a trap that was seen as `symptom`; `thread_lost`: it struck where a lock may be held, as in the allocator.
+/// Of a trap that was seen as `symptom`.
 #[must_use]
-pub const fn of_trap(symptom: Symptom, trap: &Trap, thread_lost: bool) -> Memory {
+pub const fn of_trap(symptom: Symptom, trap: &Trap) -> Memory {
     match symptom {
-        // Its lists may be half-changed, whatever it was that struck there.
-        _ if thread_lost && symptom.is_crash() => Memory::Suspect,
-        Symptom::CrashSegv if is_null(&trap.evidence) => Memory::Sound,
+        Symptom::CrashExit => Memory::Sound,
         // One that the component did not ask for is the C library's: a check of the heap or of a stack failed.
         Symptom::CrashAbort if trap.asked => Memory::Sound,
+        // As in the allocator: its lists may be half-changed, whatever it was that struck there.
+        _ if symptom.is_crash() && matches!(trap.site, Site::Elsewhere) => Memory::Suspect,
+        Symptom::CrashSegv if is_null(&trap.evidence) => Memory::Sound,
         Symptom::CrashSegv | Symptom::CrashBus | Symptom::CrashAbort => Memory::Suspect,
         _ => Memory::Sound,
     }
@@ -37,11 +38,11 @@ mod tests {
     use crate::detect::crash;
 
     fn trap(signal: i32, address: u64, asked: bool) -> Trap {
-        Trap { evidence: TrapEvidence::new(signal, address, 0), stack_overflow: false, exited: false, asked, at_ns: 0 }
+        Trap { asked, site: Site::Plugin, ..Trap::new(TrapEvidence::new(signal, address, 0), 0) }
     }
 
     fn judged(trap: &Trap) -> Memory {
-        of_trap(crash::of_trap(trap), trap, false)
+        of_trap(crash::of_trap(trap), trap)
     }
 
     #[test]
@@ -76,20 +77,20 @@ mod tests {
 
     #[test]
     fn whatever_strikes_in_the_allocator_is_suspect_and_a_hang_is_not() {
-        for symptom in Symptom::ALL.into_iter().filter(|symptom| symptom.is_crash()) {
-            assert_eq!(of_trap(symptom, &trap(libc::SIGSEGV, 0, false), true), Memory::Suspect);
-        }
-        assert_eq!(of_trap(Symptom::Hang, &trap(libc::SIGALRM, 0, false), true), Memory::Sound);
+        let elsewhere = Trap { site: Site::Elsewhere, ..trap(libc::SIGSEGV, 0, false) };
+        assert_eq!(judged(&elsewhere), Memory::Suspect);
+        assert_eq!(judged(&Trap { stack_overflow: true, ..elsewhere }), Memory::Suspect);
+        assert_eq!(judged(&Trap { hang: true, ..elsewhere }), Memory::Sound);
+        assert_eq!(judged(&Trap { exited: true, ..elsewhere }), Memory::Sound);
     }
 
     proptest! {
-        /// What is held for worse is never held for sound by a further suspicion.
+        /// What is held for suspect in a plugin's own text is not held for sound where a lock may be held.
         #[test]
-        fn a_lost_thread_never_makes_it_better(signal in 1..32i32, address: u64, asked: bool) {
-            let trap = trap(signal, address, asked);
-            let symptom = crash::of_trap(&trap);
-            let (kept, lost) = (of_trap(symptom, &trap, false), of_trap(symptom, &trap, true));
-            prop_assert!(kept == Memory::Sound || lost == Memory::Suspect);
+        fn the_allocator_never_makes_it_better(signal in 1..32i32, address: u64, asked: bool, exited: bool) {
+            let here = Trap { exited, ..trap(signal, address, asked) };
+            let there = Trap { site: Site::Elsewhere, ..here };
+            prop_assert!(judged(&here) == Memory::Sound || judged(&there) == Memory::Suspect);
         }
 
         #[test]

@@ -226,6 +226,11 @@ impl Member {
         Status::count(&self.slot.status.cycles);
         self.slot.status.longest_ns.fetch_max(took_ns, Ordering::Relaxed);
         self.answer_side_report(crew);
+        if let Some(fault) = self.recipe.limits.late(took_ns)
+            && self.state() == State::Active
+        {
+            self.handle(fault, crew);
+        }
     }
 
     /// `update`, at the end of a cycle.
@@ -272,7 +277,7 @@ impl Member {
     }
 
     /// A fault on the way out: there is nothing left to recover.
-    fn lose(&mut self, fault: Fault, crew: &mut Crew) {
+    pub(super) fn lose(&mut self, fault: Fault, crew: &mut Crew) {
         self.step(Event::Fault);
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
             self.dispose(unit, crew);
@@ -285,7 +290,7 @@ impl Member {
         let sizes = std::iter::once(&self.recipe).chain(self.standbys.iter().map(|standby| &standby.recipe));
         for recipe in sizes {
             // Out of address space: the next callback says so.
-            let _ = crew.fibers.prepare(recipe.stack_bytes, READY_FIBERS);
+            let _ = crew.fibers.prepare(recipe.limits.stack_bytes, READY_FIBERS);
         }
     }
 }

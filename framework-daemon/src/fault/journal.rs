@@ -5,7 +5,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -59,14 +59,6 @@ impl Journal {
         self.last.as_ref()
     }
 
-    /// A descriptor of the file, for a crash record.
-    ///
-    /// # Errors
-    /// When the process has no descriptor left.
-    pub fn descriptor(&self) -> io::Result<OwnedFd> {
-        self.file.try_clone().map(OwnedFd::from)
-    }
-
     /// Writes a fault.
     ///
     /// # Errors
@@ -89,8 +81,8 @@ impl Journal {
         line.insert("class".into(), event.class.into());
         line.insert("symptom".into(), event.fault.symptom.name().into());
         line.insert("injected".into(), event.fault.injected.into());
-        line.insert("memory".into(), to_value(&event.fault.memory)?);
         line.insert("thread_lost".into(), event.fault.thread_lost.into());
+        line.insert("memory".into(), to_value(&event.fault.memory)?);
         line.insert("evidence".into(), to_value(&Found { evidence: &event.fault.evidence, origin })?);
         line.insert("diagnosis".into(), to_value(&Diagnosis { faulty: event.slot, severity: event.severity })?);
         line.insert("action".into(), to_value(&event.answer)?);
@@ -140,6 +132,12 @@ fn tail(file: &File) -> io::Result<String> {
 
 fn last_line(tail: &str) -> Option<Value> {
     tail.split_inclusive('\n').rfind(|line| line.ends_with('\n')).and_then(unseal)
+}
+
+impl AsFd for Journal {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.file.as_fd()
+    }
 }
 
 fn to_value(value: &impl Serialize) -> io::Result<Value> {

@@ -15,6 +15,7 @@ use crate::exec::recover::lost_events;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Memory, Outcome, RestartRequest};
 use crate::model::limits::FAULT_EVENTS;
 use crate::plugin::symbols::{Origin, Symbols};
+use crate::sys::thread;
 
 /// The journal, shared with those who note starts, reloads and stops.
 pub type SharedJournal = Arc<Mutex<Journal>>;
@@ -44,7 +45,7 @@ pub fn start(journal: SharedJournal) -> std::io::Result<(Manager, FaultSender)> 
     let shared = Arc::new(Shared::default());
     let mut desk = Desk { journal, asks, shared: Arc::clone(&shared), symbols: Symbols::default(), lost: 0 };
     let run = move || inbox.iter().for_each(|event| desk.take(&event));
-    let thread = std::thread::Builder::new().name("fault-manager".into()).spawn(run)?;
+    let thread = thread::spawn("fault-manager", run)?;
     Ok((Manager { thread, restarts, shared }, sender))
 }
 

@@ -82,10 +82,10 @@ pub struct Fault {
     pub detected_ns: u64,
     /// It was provoked by a drill.
     pub injected: bool,
+    /// The callback's thread was given up; another one runs the executor now.
+    pub thread_lost: bool,
     /// Whether memory may be damaged.
     pub memory: Memory,
-    /// The thread that it struck was given up.
-    pub thread_lost: bool,
     /// What it rests on.
     pub evidence: Evidence,
 }
@@ -99,8 +99,8 @@ impl Fault {
             at_ns: now_ns,
             detected_ns: now_ns,
             injected: false,
-            memory: Memory::Sound,
             thread_lost: false,
+            memory: Memory::Sound,
             evidence,
         }
     }
@@ -136,6 +136,13 @@ pub enum Evidence {
     Text {
         /// The text.
         message: ShortText,
+    },
+    /// A callback that took longer than it may.
+    Time {
+        /// What it took, in nanoseconds.
+        took_ns: u64,
+        /// Its budget, in nanoseconds.
+        budget_ns: u64,
     },
     /// A value outside its range.
     Value {
@@ -178,6 +185,7 @@ impl Evidence {
             Self::Trap(trap) => ShortText::new(trap.signal_name()),
             Self::Panic { message, .. } | Self::Text { message } => *message,
             Self::Value { field, .. } => *field,
+            Self::Time { .. } => ShortText::new("it returned late"),
         }
     }
 }
@@ -198,7 +206,9 @@ impl TrapEvidence {
             libc::SIGFPE => "SIGFPE",
             libc::SIGILL => "SIGILL",
             libc::SIGABRT => "SIGABRT",
-            _ => "signal",
+            libc::SIGSYS => "SIGSYS",
+            libc::SIGTRAP => "SIGTRAP",
+            _ => "it does not return",
         }
     }
 }

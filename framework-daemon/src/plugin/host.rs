@@ -7,9 +7,10 @@ use std::cell::Cell;
 
 use abi_stable::std_types::{RSlice, RStr};
 
-use crate::model::fault::ShortText;
+use crate::model::fault::{Evidence, ShortText};
 use crate::model::limits::SAFE_OUTPUT_BYTES;
-use crate::sys::{clock, log_ring, safe_outputs};
+use crate::sys::foreign::{self, Owner};
+use crate::sys::{clock, log_ring, safe_outputs, shield};
 
 /// A panic as the plugin's hook saw it.
 #[derive(Clone, Copy)]
@@ -25,7 +26,6 @@ pub struct PanicNote {
 thread_local! {
     // One flag for all: a callback that told nothing costs one load, not the texts' copies.
     static TOLD: Cell<bool> = const { Cell::new(false) };
-    static SLOT: Cell<&'static str> = const { Cell::new("") };
     static PANIC: Cell<Option<PanicNote>> = const { Cell::new(None) };
     static ERROR: Cell<Option<ShortText>> = const { Cell::new(None) };
     static RAISED: Cell<Option<ShortText>> = const { Cell::new(None) };
@@ -33,8 +33,8 @@ thread_local! {
 }
 
 /// Says whose callback runs on this thread from now on; what was told before is nobody's any more.
-pub fn enter_slot(name: &'static str) {
-    SLOT.set(name);
+pub fn enter_slot(owner: Owner) {
+    foreign::enter(owner);
     if has_told() {
         forget();
     }
@@ -80,7 +80,7 @@ pub extern "C" fn clock_now() -> u64 {
 
 /// [`component_sdk::abi::host::HostApi::log`].
 pub extern "C" fn log(level: u8, text: RStr<'_>) {
-    log_ring::put(level, SLOT.get(), text.as_str());
+    log_ring::put(level, foreign::owner().slot, text.as_str());
 }
 
 /// [`component_sdk::abi::host::HostApi::raise_fault`].
@@ -100,6 +100,11 @@ pub extern "C" fn note_error(text: RStr<'_>) {
 /// [`component_sdk::abi::host::HostApi::note_panic`].
 pub extern "C" fn note_panic(message: RStr<'_>, file: RStr<'_>, line: u32) {
     let note = PanicNote { message: ShortText::new(message.as_str()), file: ShortText::new(file.as_str()), line };
+    shield::leave::note_panic(note.message.as_str());
+    if foreign::is_here() {
+        // No callback will ask for it.
+        return foreign::panicked(Evidence::Panic { message: note.message, file: note.file, line });
+    }
     PANIC.set(Some(note));
     TOLD.set(true);
 }
@@ -113,7 +118,7 @@ pub extern "C" fn note_injection() {
 /// [`component_sdk::abi::host::HostApi::critical`]: regions outside the instance are registered for checkpoints, which are
 /// not active yet; the log says so.
 pub extern "C" fn critical(name: RStr<'_>, _address: *mut u8, _len: usize) {
-    log_ring::put(4, SLOT.get(), name.as_str());
+    log_ring::put(4, foreign::owner().slot, name.as_str());
 }
 
 /// [`component_sdk::abi::host::HostApi::safe_output`].
@@ -121,6 +126,6 @@ pub extern "C" fn safe_output(fd: i32, bytes: RSlice<'_, u8>) {
     let (mut copy, len) = ([0; SAFE_OUTPUT_BYTES + 1], bytes.len().min(SAFE_OUTPUT_BYTES + 1));
     copy[..len].copy_from_slice(&bytes.as_slice()[..len]);
     if let Err(refused) = safe_outputs::set(fd, &copy[..len]) {
-        log_ring::put(1, SLOT.get(), ShortText::of(format_args!("{refused}")).as_str());
+        log_ring::put(1, foreign::owner().slot, ShortText::of(format_args!("{refused}")).as_str());
     }
 }

@@ -5,7 +5,7 @@
 #![allow(unsafe_code, reason = "address of unsafe: system calls of a dying process")]
 
 use std::fmt::Write;
-use std::os::fd::{IntoRawFd, OwnedFd};
+use std::os::fd::{AsRawFd, BorrowedFd, IntoRawFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 
 use super::{clock, safe_outputs};
@@ -34,7 +34,9 @@ pub struct Death {
     pub sender: Option<i32>,
 }
 
-/// Where the record goes; negative: nowhere.
+/// The journal's own descriptor.
+static JOURNAL: AtomicI32 = AtomicI32::new(-1);
+/// Where the record goes: another one of the same file.
 static RECORD: AtomicI32 = AtomicI32::new(-1);
 /// Open to `/dev/null`.
 static SINK: AtomicI32 = AtomicI32::new(-1);
@@ -47,13 +49,16 @@ impl Death {
     pub const LEFT: Self = Self { end: End::Left, signal: libc::SIGKILL, address: 0, pc: 0, sender: None };
 }
 
-/// Opens all that a dying process cannot open any more. `record` is the journal, opened for appending and reading.
+/// Opens all that a dying process cannot open any more. The journal is open for appending and reading, as long as the
+/// process lives.
 ///
 /// # Errors
-/// When there is no `/dev/null`.
-pub fn prepare(record: OwnedFd) -> std::io::Result<()> {
+/// When there is no `/dev/null`, or the process has no descriptor left.
+pub fn prepare(journal: BorrowedFd<'_>) -> std::io::Result<()> {
+    let record = journal.try_clone_to_owned()?;
     let sink = std::fs::OpenOptions::new().write(true).open("/dev/null")?;
     SINK.store(OwnedFd::from(sink).into_raw_fd(), Ordering::Release);
+    JOURNAL.store(journal.as_raw_fd(), Ordering::Release);
     RECORD.store(record.into_raw_fd(), Ordering::Release);
     // The first use looks the processor's instructions up.
     std::hint::black_box(crc32fast::hash(b"ready"));
@@ -66,7 +71,9 @@ pub fn speak(death: &Death) {
     let own = unsafe { libc::gettid() };
     match SPEAKER.compare_exchange(0, own, Ordering::AcqRel, Ordering::Acquire) {
         Ok(_) => {
-            let outputs = safe_outputs::write_all(SINK.load(Ordering::Acquire));
+            let sink = SINK.load(Ordering::Acquire);
+            close_journal(sink);
+            let outputs = safe_outputs::write_all(sink);
             record(death, outputs, own);
             SPOKEN.store(true, Ordering::Release);
         }
@@ -74,6 +81,15 @@ pub fn speak(death: &Death) {
         Err(speaker) if speaker == own => {}
         // Another thread is at it: whoever ends the process now would cut it short.
         Err(_) => wait_until_spoken(),
+    }
+}
+
+/// Whatever other threads still write goes nowhere: the record is the last line.
+fn close_journal(sink: i32) {
+    let journal = JOURNAL.load(Ordering::Acquire);
+    if sink >= 0 && journal >= 0 {
+        // SAFETY: a system call on descriptors that stay open.
+        unsafe { libc::dup2(sink, journal) };
     }
 }
 

@@ -9,11 +9,11 @@ use component_sdk::abi::class::Hook;
 use super::callback::{self, Call};
 use super::slot::{Slot, Status};
 use super::trigger::Signal;
-use super::unit::{Recipe, Unit};
+use super::unit::Unit;
+use super::workshop::Shelf;
 use crate::model::fault::{Fault, FaultSender};
 use crate::model::ladder::Ladder;
 use crate::model::lifecycle::{Event, State};
-use crate::model::symptom::Symptom;
 use crate::profile::plan::{Preload, Trigger};
 use crate::sys::clock;
 use crate::sys::fiber::FiberPool;
@@ -30,8 +30,6 @@ pub struct Crew {
 
 /// A secondary of the slot.
 pub struct Standby {
-    /// How it is made.
-    pub recipe: Recipe,
     /// How far it is prepared.
     pub preload: Preload,
     /// The instance, where it is prepared that far.
@@ -48,8 +46,8 @@ pub struct Member {
     pub autostart: bool,
     /// Marks it ready.
     pub signal: Arc<Signal>,
-    /// How the instance in use is made.
-    pub recipe: Recipe,
+    /// How its instances are made, and those that are ready.
+    pub shelf: Arc<Shelf>,
     /// The rules.
     pub ladder: Ladder,
     /// Secondaries, in the ladder's order.
@@ -91,16 +89,17 @@ impl Member {
     /// The fault of a constructor or of `initialize`, and the class that it belongs to.
     pub fn install(&mut self, crew: &mut Crew) -> Result<(), String> {
         self.prepare_fibers(crew);
-        self.unit = Some(self.make(&self.recipe, crew).map_err(|fault| self.tell("instance", &fault))?);
+        self.unit = Some(self.make(0, crew).map_err(|fault| self.tell("instance", &fault))?);
         self.early = callback::side_report().map(Box::new);
         self.step(Event::Initialize);
         for index in 0..self.standbys.len() {
             if self.standbys[index].preload == Preload::Instance {
-                let unit = self.make(&self.standbys[index].recipe, crew);
+                let unit = self.make(index + 1, crew);
                 self.standbys[index].unit = Some(unit.map_err(|fault| self.tell("secondary", &fault))?);
                 self.early = self.early.take().or_else(|| callback::side_report().map(Box::new));
             }
         }
+        self.shelf.order();
         Ok(())
     }
 
@@ -109,28 +108,12 @@ impl Member {
         format!("slot {slot}: its {what} cannot be initialised: {symptom}: {}", fault.evidence.message().as_str())
     }
 
-    /// An initialised instance after a recipe.
+    /// An initialised instance after the slot's recipe of that number.
     ///
     /// # Errors
     /// The fault of its constructor or of `initialize`.
-    pub fn make(&self, recipe: &Recipe, crew: &mut Crew) -> Result<Unit, Fault> {
-        let parts = recipe.gather(&self.slot).map_err(|text| callback::told(Symptom::Error, &text))?;
-        let mut unit = callback::create(&mut crew.fibers, self.slot.name, parts)?;
-        match self.enter_unit(&mut unit, Call::plain(Hook::Initialize), crew) {
-            Ok(()) => Ok(unit),
-            Err(fault) => {
-                self.dispose(unit, crew);
-                Err(fault)
-            }
-        }
-    }
-
-    /// Enters a callback of any unit of this slot.
-    ///
-    /// # Errors
-    /// The fault that ended it.
-    pub fn enter_unit(&self, unit: &mut Unit, call: Call<'_>, crew: &mut Crew) -> Result<(), Fault> {
-        callback::enter(&mut crew.fibers, self.slot.name, unit, call)
+    pub fn make(&self, number: usize, crew: &mut Crew) -> Result<Unit, Fault> {
+        crew.make(&self.slot, self.shelf.recipe(number))
     }
 
     /// Enters a callback of the instance in use.
@@ -139,15 +122,7 @@ impl Member {
     /// The fault that ended it.
     pub fn enter(&mut self, call: Call<'_>, crew: &mut Crew) -> Result<(), Fault> {
         let Some(unit) = self.unit.as_mut() else { return Ok(()) };
-        callback::enter(&mut crew.fibers, self.slot.name, unit, call)
-    }
-
-    /// Gets rid of a unit of this slot.
-    pub fn dispose(&self, unit: Unit, crew: &mut Crew) {
-        if !callback::dispose(&mut crew.fibers, self.slot.name, unit) {
-            Status::count(&self.slot.status.quarantined);
-            crew.lost = true;
-        }
+        crew.enter(&self.slot, unit, call)
     }
 
     /// `start`: the slot becomes active.
@@ -264,9 +239,12 @@ impl Member {
         {
             self.lose(fault, crew);
         }
-        let standbys = std::mem::take(&mut self.standbys);
-        for unit in self.unit.take().into_iter().chain(standbys.into_iter().filter_map(|standby| standby.unit)) {
-            self.dispose(unit, crew);
+        if let Some(unit) = self.unit.take() {
+            crew.dispose(&self.slot, unit);
+        }
+        let standbys = std::mem::take(&mut self.standbys).into_iter().filter_map(|standby| standby.unit);
+        for unit in standbys.chain(self.shelf.close()) {
+            crew.end(&self.slot, unit);
         }
         crew.fibers.bury();
     }
@@ -275,17 +253,16 @@ impl Member {
     fn lose(&mut self, fault: Fault, crew: &mut Crew) {
         self.step(Event::Fault);
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
-            self.dispose(unit, crew);
+            crew.dispose(&self.slot, unit);
         }
         self.report_stop(fault, crew);
     }
 
     /// Sees to it that a recovery finds its fibers.
     pub fn prepare_fibers(&self, crew: &mut Crew) {
-        let sizes = std::iter::once(&self.recipe).chain(self.standbys.iter().map(|standby| &standby.recipe));
-        for recipe in sizes {
+        for stack_bytes in self.shelf.stacks() {
             // Out of address space: the next callback says so.
-            let _ = crew.fibers.prepare(recipe.stack_bytes, READY_FIBERS);
+            let _ = crew.fibers.prepare(stack_bytes, READY_FIBERS);
         }
     }
 }

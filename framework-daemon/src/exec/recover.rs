@@ -12,7 +12,7 @@ use super::callback::{self, Call};
 use super::member::{Crew, Member};
 use super::slot::Status;
 use super::unit::Unit;
-use crate::model::fault::{Fault, FaultEvent, Outcome, ShortText, Times};
+use crate::model::fault::{Fault, FaultEvent, FaultSender, Outcome, ShortText, Times};
 use crate::model::ladder::Answer;
 use crate::model::lifecycle::Event;
 use crate::model::limits::RECOVERY_STEPS_MAX;
@@ -54,6 +54,7 @@ impl Member {
         self.tell_manager(fault, class, last, outcome, times, crew);
         crew.fibers.bury();
         self.prepare_fibers(crew);
+        self.shelf.order();
     }
 
     /// An instance that cannot be entered again cannot be ignored either.
@@ -72,7 +73,7 @@ impl Member {
             let step = match answer {
                 Answer::Reset => self.reset(&cause, fault, times, crew),
                 Answer::Replace => self.replace(&cause, fault, times, crew),
-                Answer::Stop | Answer::Ignore => self.fault_stop(&cause, crew),
+                Answer::Stop | Answer::Ignore | Answer::Prepare => self.fault_stop(&cause, crew),
             };
             match step {
                 Step::Works => return (answer, Outcome::Recovered),
@@ -90,11 +91,11 @@ impl Member {
         (Answer::Stop, Outcome::Stopped)
     }
 
-    /// The same instance where it is sound; a fresh one of its class else.
+    /// The same instance where it is sound; a spare or, where none is ready, a fresh one of its class else.
     fn reset(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
         if self.unit.as_ref().is_none_or(|unit| unit.spent) {
-            let fresh = self.make(&self.recipe, crew);
-            return self.succeed(fresh, cause, fault, times, crew);
+            let successor = self.shelf.take().map_or_else(|| self.make(self.shelf.in_use(), crew), Ok);
+            return self.succeed(successor, cause, fault, times, crew);
         }
         let (text, hooks) = (cause.evidence.message(), [Hook::Error, Hook::Reset]);
         for hook in hooks {
@@ -119,8 +120,8 @@ impl Member {
     fn replace(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
         let Some(index) = self.ladder.secondary() else { return self.fault_stop(cause, crew) };
         let ready = self.standbys[index].unit.take();
-        let unit = ready.map_or_else(|| self.make(&self.standbys[index].recipe, crew), Ok);
-        self.recipe = self.standbys[index].recipe.clone();
+        self.shelf.follow(index + 1);
+        let unit = ready.map_or_else(|| self.make(index + 1, crew), Ok);
         self.succeed(unit, cause, fault, times, crew)
     }
 
@@ -137,19 +138,23 @@ impl Member {
             Ok(unit) => unit,
             Err(second) => return Step::Failed(second),
         };
-        self.slot.status.set_class(unit.class);
+        self.slot.status.set_class(unit.recipe);
         let old = self.unit.replace(unit);
         let step = self.take_over(cause, fault, times, crew);
-        // The old one's end is nobody's hurry. A sound one ends in order; what it does about that changes nothing any more.
-        if let Some(mut old) = old {
-            for hook in [Hook::Stop, Hook::Destroy] {
-                if !old.spent && (hook == Hook::Destroy || old.started) {
-                    let _ = self.enter_unit(&mut old, Call::plain(hook), crew);
-                }
-            }
-            self.dispose(old, crew);
+        // The old one's end is nobody's hurry.
+        if let Some(old) = old {
+            self.clear(old, crew);
         }
         step
+    }
+
+    /// Leaves a unit to the workshop; one that trapped is quarantined here, which is only counting.
+    fn clear(&self, unit: Unit, crew: &mut Crew) {
+        if unit.spent {
+            crew.dispose(&self.slot, unit);
+        } else if let Err(unit) = self.shelf.clear(unit) {
+            crew.end(&self.slot, *unit);
+        }
     }
 
     fn take_over(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
@@ -198,7 +203,7 @@ impl Member {
             let _ = self.enter(call, crew);
         }
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
-            self.dispose(unit, crew);
+            crew.dispose(&self.slot, unit);
         }
         Step::Stopped
     }
@@ -250,10 +255,15 @@ impl Member {
             outcome,
             times,
         };
-        // A full queue loses the entry, not the recovery; the manager writes down how many it did not get.
-        if crew.faults.try_send(event).is_err() {
-            LOST.fetch_add(1, Ordering::Relaxed);
-        }
+        send(&crew.faults, event);
+    }
+}
+
+/// Hands an event to the fault manager. A full queue loses the entry, not the recovery; the manager writes down how many
+/// it did not get.
+pub(super) fn send(faults: &FaultSender, event: FaultEvent) {
+    if faults.try_send(event).is_err() {
+        LOST.fetch_add(1, Ordering::Relaxed);
     }
 }
 

@@ -26,6 +26,10 @@ pub enum Source {
 /// How an instance for a slot is made.
 #[derive(Clone)]
 pub struct Recipe {
+    /// Its number on the slot's shelf.
+    pub number: usize,
+    /// Name of its class.
+    pub class_name: &'static str,
     /// Its class.
     pub source: Source,
     /// Property texts by name; the class's defaults hold for the others.
@@ -40,6 +44,8 @@ pub struct Unit {
     pub instance: Instance,
     /// Its class's name.
     pub class: &'static str,
+    /// Number of the slot's recipe that it was made after.
+    pub recipe: usize,
     /// Stack of its fibers in bytes.
     pub stack_bytes: usize,
     /// It trapped: it may never be entered or dropped again.
@@ -55,6 +61,7 @@ pub struct Parts {
     bindings: Vec<Arc<Binding>>,
     handles: Vec<PortHandle>,
     properties: Vec<String>,
+    recipe: usize,
     stack_bytes: usize,
 }
 
@@ -80,7 +87,7 @@ impl Recipe {
         let bindings = bind(decl, slot)?;
         let handles = bindings.iter().map(Binding::handle).collect();
         let properties = decl.properties.iter().map(|property| self.property(property)).collect();
-        Ok(Parts { class, bindings, handles, properties, stack_bytes: self.stack_bytes })
+        Ok(Parts { class, bindings, handles, properties, recipe: self.number, stack_bytes: self.stack_bytes })
     }
 
     fn property(&self, decl: &component_sdk::abi::class::PropertyDecl) -> String {
@@ -115,6 +122,7 @@ impl Parts {
         Unit {
             instance,
             class: self.class.name(),
+            recipe: self.recipe,
             stack_bytes: self.stack_bytes,
             spent: false,
             started: false,

@@ -80,6 +80,7 @@ fn tell(event: &FaultEvent) {
 fn action(event: &FaultEvent) -> &'static str {
     match event.answer {
         crate::model::ladder::Answer::Replace => "replacement",
+        crate::model::ladder::Answer::Prepare => "spare",
         _ => "reset",
     }
 }

@@ -23,6 +23,8 @@ pub enum Answer {
     Replace,
     /// The slot stops.
     Stop,
+    /// A spare was to be prepared; the slot itself was not touched.
+    Prepare,
 }
 
 /// The rules of one slot with their memory.
@@ -149,7 +151,7 @@ mod tests {
                     }
                     Answer::Replace => { replaced += 1; resets.clear(); }
                     Answer::Stop => break,
-                    Answer::Ignore => prop_assert!(false),
+                    Answer::Ignore | Answer::Prepare => prop_assert!(false),
                 }
             }
             prop_assert!(replaced <= secondaries);

@@ -64,6 +64,12 @@ pub const RESETS_MAX: u32 = 1_000;
 pub const SECONDARIES: usize = 16;
 /// Most spares of one slot.
 pub const SPARES_MAX: u32 = 64;
+/// Instances of one slot that may wait to be ended in the background.
+pub const CLEARED_UNITS: usize = SPARES_MAX as usize;
+/// Pause after a spare that could not be prepared; doubled after each further one.
+pub const SPARE_PAUSE_MIN: Duration = Duration::from_millis(100);
+/// Longest such pause.
+pub const SPARE_PAUSE_MAX: Duration = Duration::from_secs(10);
 
 /// Largest plugin file.
 pub const PLUGIN_FILE_BYTES: u64 = 1 << 30;

@@ -61,7 +61,7 @@ pub fn read(element: &Element, report: &mut Reporter) -> Declared {
         severity: severities(element, report),
         reset: element.child("reset").map(|reset| intensity(reset, report)),
         secondaries: Vec::new(),
-        spares: element.child("spare").map(|spare| spares(spare, report)),
+        spares: element.child("spare").map(spares),
         checkpoint: element.child("checkpoint").map(|checkpoint| period_of_checkpoint(checkpoint, report)),
         recovery_within: element.child("recovery").and_then(|recovery| positive(recovery, "within", report)),
         isolation: isolation(element, report),
@@ -181,8 +181,7 @@ fn preload(element: &Element) -> Preload {
     }
 }
 
-fn spares(element: &Element, report: &mut Reporter) -> SparePlan {
-    report.not_active(element.name_span, "<spare>");
+fn spares(element: &Element) -> SparePlan {
     let count = quantity::integer(element.value_of("count"), 1, i64::from(limits::SPARES_MAX)).unwrap_or(1);
     SparePlan { count: u32::try_from(count).unwrap_or(1), preload: preload(element) }
 }

@@ -1,6 +1,6 @@
 //! What stands ready: spares, and what becomes of them.
 
-use tests::profiles::{Profiles, application, plugin_dir, slot};
+use tests::profiles::{Profiles, application, connection, plugin_dir, slot};
 use tests::running::Running;
 
 /// One slot of the class that counts its instances, with these properties and rules.
@@ -34,6 +34,25 @@ fn spares_are_ready_before_the_first_fault_used_in_turn_and_made_anew() {
     let mut ended = numbers(&daemon, "ends");
     ended.sort_unstable();
     assert_eq!(ended, [5, 6, 7], "the spares that were left end in order");
+}
+
+#[test]
+fn what_stands_ready_has_rehearsed_and_nobody_heard_it() {
+    let rules = "<reset limit=\"0\"/><spare/><secondary reference=\"Heir.xml\"/>";
+    let profiles = heirs(&[("from", "100"), ("until", "100")], rules);
+    profiles.replace("app.xml", "</subcomponents>", &format!("{}</subcomponents>", slot("gauge", "Gauge", "")));
+    let wire = connection("heir.said -> gauge.heard", "<validity field=\"range\"><min>0</min></validity>");
+    profiles.replace("app.xml", "</port_connections>", &format!("{wire}</port_connections>"));
+    let mut daemon = Running::start(profiles.path(), &["--inject", "heir:crash.segv@0.2"]);
+    let fault = daemon.journal("fault", 1).remove(0);
+    assert_eq!((fault["action"].as_str(), fault["outcome"].as_str()), (Some("replace"), Some("recovered")));
+    daemon.wait_for("heir 4 rehearses");
+    daemon.stop();
+    assert_eq!(daemon.entries("fault").len(), 1, "a rehearsal's values reach nobody");
+    // The secondary, the primary's spare, and then the secondary's; the primary does not.
+    let mut rehearsed = numbers(&daemon, "rehearses: Unconnected");
+    rehearsed.sort_unstable();
+    assert_eq!((rehearsed, numbers(&daemon, "succeeds")), (vec![2, 3, 4], vec![2]));
 }
 
 #[test]

@@ -53,14 +53,14 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
 /// The fault that ended it; for a property that does not fit, with its text.
 pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Result<Unit, Fault> {
     let mut built = None;
-    let ended = guarded(fibers, slot, parts.stack_bytes(), &mut || built = Some(parts.build()));
+    // Nothing that is made on the fiber may need to be dropped: a trap would leak it.
+    let texts = parts.texts();
+    let ended = guarded(fibers, slot, parts.stack_bytes(), &mut || built = Some(parts.build(&texts)));
+    drop(texts);
     match (ended, built) {
         (Ok(()), Some(Ok(instance))) => Ok(parts.finish(instance)),
         (Ok(()), Some(Err((status, text)))) => Err(told(crash::of_status(status).unwrap_or(Symptom::Error), &text)),
-        (Err(fault), _) => {
-            parts.abandon();
-            Err(fault)
-        }
+        (Err(fault), _) => Err(fault),
         (Ok(()), None) => Err(told(Symptom::Error, "the constructor did not run")),
     }
 }

@@ -89,12 +89,14 @@ impl Member {
     /// The fault of a constructor or of `initialize`, and the class that it belongs to.
     pub fn install(&mut self, crew: &mut Crew) -> Result<(), String> {
         self.prepare_fibers(crew);
-        self.unit = Some(self.make(0, crew).map_err(|fault| self.tell("instance", &fault))?);
+        let unit = self.make(0, crew).map_err(|fault| self.tell("instance", &fault))?;
+        unit.open();
+        self.unit = Some(unit);
         self.early = callback::side_report().map(Box::new);
         self.step(Event::Initialize);
         for index in 0..self.standbys.len() {
             if self.standbys[index].preload == Preload::Instance {
-                let unit = self.make(index + 1, crew);
+                let unit = crew.prepare(&self.slot, self.shelf.recipe(index + 1));
                 self.standbys[index].unit = Some(unit.map_err(|fault| self.tell("secondary", &fault))?);
                 self.early = self.early.take().or_else(|| callback::side_report().map(Box::new));
             }

@@ -139,6 +139,8 @@ impl Member {
             Err(second) => return Step::Failed(second),
         };
         self.slot.status.set_class(unit.recipe);
+        self.unit.iter().for_each(Unit::close);
+        unit.open();
         let old = self.unit.replace(unit);
         let step = self.take_over(cause, fault, times, crew);
         // The old one's end is nobody's hurry.
@@ -148,11 +150,12 @@ impl Member {
         step
     }
 
-    /// Leaves a unit to the workshop; one that trapped is quarantined here, which is only counting.
+    /// Leaves a unit to the workshop.
     fn clear(&self, unit: Unit, crew: &mut Crew) {
         if unit.spent {
-            crew.dispose(&self.slot, unit);
-        } else if let Err(unit) = self.shelf.clear(unit) {
+            Status::count(&self.slot.status.quarantined);
+        }
+        if let Err(unit) = self.shelf.clear(unit) {
             crew.end(&self.slot, *unit);
         }
     }
@@ -203,7 +206,7 @@ impl Member {
             let _ = self.enter(call, crew);
         }
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
-            crew.dispose(&self.slot, unit);
+            self.clear(unit, crew);
         }
         Step::Stopped
     }

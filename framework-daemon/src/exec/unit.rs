@@ -8,7 +8,7 @@ use component_sdk::abi::payload::PortHandle;
 
 use super::slot::Slot;
 use crate::plugin::Class;
-use crate::plugin::instance::Instance;
+use crate::plugin::instance::{self, Instance};
 use crate::port::border::Binding;
 
 /// Finds and loads a class when it is needed: `preload="none"`.
@@ -52,13 +52,14 @@ pub struct Unit {
     pub spent: bool,
     /// Its `start` went well.
     pub started: bool,
-    bindings: Vec<Arc<Binding>>,
+    bindings: Vec<Binding>,
 }
 
 /// All that is there before the constructor runs.
 pub struct Parts {
+    number: u64,
     class: Class,
-    bindings: Vec<Arc<Binding>>,
+    bindings: Vec<Binding>,
     handles: Vec<PortHandle>,
     properties: Vec<String>,
     recipe: usize,
@@ -84,10 +85,11 @@ impl Recipe {
     pub fn gather(&self, slot: &Slot) -> Result<Parts, String> {
         let class = self.class()?;
         let decl = &class.exported().decl;
-        let bindings = bind(decl, slot)?;
+        let number = instance::next_number();
+        let bindings = bind(decl, slot, number)?;
         let handles = bindings.iter().map(Binding::handle).collect();
         let properties = decl.properties.iter().map(|property| self.property(property)).collect();
-        Ok(Parts { class, bindings, handles, properties, recipe: self.number, stack_bytes: self.stack_bytes })
+        Ok(Parts { number, class, bindings, handles, properties, recipe: self.number, stack_bytes: self.stack_bytes })
     }
 
     fn property(&self, decl: &component_sdk::abi::class::PropertyDecl) -> String {
@@ -96,12 +98,13 @@ impl Recipe {
     }
 }
 
-fn bind(decl: &ClassDecl, slot: &Slot) -> Result<Vec<Arc<Binding>>, String> {
+fn bind(decl: &ClassDecl, slot: &Slot, instance: u64) -> Result<Vec<Binding>, String> {
     decl.ports
         .iter()
         .map(|port| {
             let end = slot.end(port.name.as_str(), port.direction == Direction::Input);
-            end.map(Binding::new).ok_or_else(|| format!("class {}: the slot has no port `{}`", decl.name, port.name))
+            let end = end.ok_or_else(|| format!("class {}: the slot has no port `{}`", decl.name, port.name))?;
+            Binding::new(end, instance).ok_or_else(|| "no port handle is left".to_owned())
         })
         .collect()
 }
@@ -111,9 +114,14 @@ impl Parts {
     ///
     /// # Errors
     /// How the constructor ended, and its text.
-    pub fn build(&self) -> Result<Instance, (CallStatus, String)> {
-        let texts: Vec<RStr<'_>> = self.properties.iter().map(|text| RStr::from_str(text)).collect();
-        Instance::create(self.class.exported(), &self.handles, &texts)
+    pub fn build(&self, texts: &[RStr<'_>]) -> Result<Instance, (CallStatus, String)> {
+        Instance::create(self.number, self.class.exported(), &self.handles, texts)
+    }
+
+    /// Property texts in the class's order, as the constructor gets them.
+    #[must_use]
+    pub fn texts(&self) -> Vec<RStr<'_>> {
+        self.properties.iter().map(|text| RStr::from_str(text)).collect()
     }
 
     /// The unit, once the instance is there.
@@ -141,32 +149,22 @@ impl Parts {
     pub fn class_name(&self) -> &'static str {
         self.class.name()
     }
-
-    /// The constructor trapped: what it was given may still be in somebody's hands.
-    pub fn abandon(self) {
-        close(&self.bindings);
-        #[allow(clippy::mem_forget, reason = "handles of a constructor that trapped must stay valid")]
-        std::mem::forget(self.bindings);
-    }
 }
 
 impl Unit {
-    /// The instance trapped: its ports are closed, it is never entered again, and nothing of it is freed.
+    /// The instance trapped: it is never entered again, and nothing of it is freed, because its memory may be
+    /// half-changed. What the daemon had for it is.
     pub fn quarantine(self) {
-        close(&self.bindings);
-        #[allow(
-            clippy::mem_forget,
-            reason = "a quarantined instance is never dropped: its memory may be half-changed"
-        )]
-        std::mem::forget(self);
+        self.bindings.iter().for_each(Binding::forget_scratch);
     }
 
-    /// Closes its ports before it is destroyed.
+    /// It takes the slot over: its ports lead somewhere.
+    pub fn open(&self) {
+        self.bindings.iter().for_each(Binding::open);
+    }
+
+    /// It left the slot: its ports are closed.
     pub fn close(&self) {
-        close(&self.bindings);
+        self.bindings.iter().for_each(Binding::close);
     }
-}
-
-fn close(bindings: &[Arc<Binding>]) {
-    bindings.iter().for_each(|binding| binding.close());
 }

@@ -280,7 +280,7 @@ impl Worker {
     fn fill(&mut self, shelf: &Arc<Shelf>, pause: Duration) {
         while shelf.wants_more() {
             let number = shelf.in_use.load(Ordering::Acquire);
-            match self.crew.make(&shelf.slot, shelf.recipe(number)) {
+            match self.crew.prepare(&shelf.slot, shelf.recipe(number)) {
                 Ok(unit) => put_back(&mut self.crew, shelf, unit),
                 Err(fault) => {
                     self.tell(shelf, number, fault);

@@ -91,8 +91,8 @@ pub static FAULT_TOLERANCE: ElementRule = ElementRule::parent(
                     optional("count", Kind::Integer(1, limits::SPARES_MAX as i64), "How many; default 1."),
                     optional("preload", PRELOAD, "How far each is prepared; default instance."),
                 ],
-                "Standbys of the same class, made in the background; without the element one is kept where a reset answers the loss of an \
-                 instance. What only one may hold (a device) is opened in start.",
+                "Standbys of the same class, made in the background; without the element one is kept where a reset \
+                 answers the loss of an instance. What only one may hold (a device) is opened in start.",
             ),
         ),
         (

@@ -117,12 +117,18 @@ pub struct Heir {
     /// `panic`, `segv`, `error`.
     #[property(default = "panic")]
     how: String,
+    #[port]
+    said: DataOut<Range>,
     number: u64,
 }
 
 static HEIRS: AtomicU64 = AtomicU64::new(0);
 
 impl Callbacks for Heir {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.said.write(Range { range: self.number as f32, ..Range::default() });
+        Ok(())
+    }
     fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
         self.number = HEIRS.fetch_add(1, Ordering::Relaxed) + 1;
         if (self.from..self.until).contains(&self.number) {
@@ -137,6 +143,12 @@ impl Callbacks for Heir {
     }
     fn destroy(&mut self, cx: &mut Context<'_>) -> Outcome {
         info!(cx, "heir {} ends", self.number);
+        Ok(())
+    }
+    fn rehearse(&mut self, cx: &mut Context<'_>) -> Outcome {
+        let mut said = self.said.loan();
+        said.range = -1.0;
+        info!(cx, "heir {} rehearses: {:?}", self.number, said.send());
         Ok(())
     }
 }

@@ -81,3 +81,29 @@ fn a_spare_that_cannot_be_made_is_journaled_and_tried_again_and_the_slot_works_o
         assert_eq!((slots[0]["state"].as_str(), slots[0]["faults"].as_u64()), (Some("active"), Some(3)), "{how}");
     }
 }
+
+/// A slot whose secondaries all fail in `start`, so that each try of its recovery does.
+fn hopeless() -> Profiles {
+    let property = |name, text| format!("<property name=\"{name}\" type=\"string\">{text}</property>");
+    let properties = format!("<properties>{}{}</properties>", property("hook", "start"), property("how", "segv"));
+    let secondaries = "<secondary reference=\"Doomed.xml\" preload=\"library\"/>".repeat(12);
+    let rules = format!("<fault_tolerance><severity>reset</severity>{secondaries}</fault_tolerance>");
+    let profiles = Profiles::new(&application(&[slot("hopeless", "Doomed", &(properties + &rules))], &[]));
+    profiles.describe(&plugin_dir().join("libhostile.so"));
+    profiles
+}
+
+#[test]
+fn a_stop_wins_over_a_recovery_that_breathes() {
+    let profiles = hopeless();
+    let mut daemon = Running::start(profiles.path(), &[]);
+    // By now the pauses are longer than what a stop takes.
+    let failed = daemon.journal("fault", 6);
+    assert!(failed.iter().all(|fault| fault["outcome"] == "failed"));
+    let slots = daemon.stop();
+    let faults = daemon.entries("fault");
+    let last = faults.last().unwrap();
+    assert_eq!((last["symptom"].as_str(), last["outcome"].as_str()), (Some("crash.segv"), Some("stopped")));
+    assert!(faults.len() < 14, "it did not try all that was left: {}", faults.len());
+    assert_eq!(slots[0]["state"], "error");
+}

@@ -285,6 +285,7 @@ impl Run {
 
     fn cycle(&mut self) {
         let now = clock::now_ns();
+        self.go_on_recovering(now);
         for place in 0..self.order.len() {
             let number = self.order[place];
             if self.is_due(number, now) {
@@ -296,6 +297,15 @@ impl Run {
         while let Some(number) = self.ran.pop() {
             if let Some(member) = &mut self.members[number] {
                 member.update(&mut self.crew);
+            }
+        }
+    }
+
+    /// Recoveries that failed and whose pause is over.
+    fn go_on_recovering(&mut self, now_ns: u64) {
+        for member in self.members.iter_mut().flatten() {
+            if member.breath.as_ref().is_some_and(|breath| breath.until_ns() <= now_ns) {
+                member.breathe_out(&mut self.crew);
             }
         }
     }
@@ -344,6 +354,7 @@ impl Run {
         let members = self.members.iter().flatten();
         let periodic =
             members.filter(|member| member.state() == State::Active && matches!(member.trigger, Trigger::Periodic(_)));
-        periodic.map(|member| member.next_due_ns).min()
+        let breaths = self.members.iter().flatten().filter_map(|member| member.breath.as_ref());
+        periodic.map(|member| member.next_due_ns).chain(breaths.map(|breath| breath.until_ns())).min()
     }
 }

@@ -7,6 +7,7 @@ use std::sync::atomic::Ordering;
 use component_sdk::abi::class::Hook;
 
 use super::callback::{self, Call};
+use super::recover::Breath;
 use super::slot::{Slot, Status};
 use super::trigger::Signal;
 use super::unit::Unit;
@@ -14,6 +15,7 @@ use super::workshop::Shelf;
 use crate::model::fault::{Fault, FaultSender};
 use crate::model::ladder::Ladder;
 use crate::model::lifecycle::{Event, State};
+use crate::port::output;
 use crate::profile::plan::{Preload, Trigger};
 use crate::sys::clock;
 use crate::sys::fiber::FiberPool;
@@ -61,7 +63,9 @@ pub struct Member {
     /// Faults to provoke, one in each `on_execute`.
     pub inject: VecDeque<u8>,
     /// A fault that was raised while the instance was initialised or recovered; answered before it runs on.
-    pub early: Option<Box<Fault>>,
+    pub early: Option<Fault>,
+    /// A recovery that waits for its next try.
+    pub breath: Option<Box<Breath>>,
 }
 
 /// Idle fibers kept for a member's size of stack: one runs, one is there when the first is lost.
@@ -89,16 +93,17 @@ impl Member {
     /// The fault of a constructor or of `initialize`, and the class that it belongs to.
     pub fn install(&mut self, crew: &mut Crew) -> Result<(), String> {
         self.prepare_fibers(crew);
+        output::warm_up();
         let unit = self.make(0, crew).map_err(|fault| self.tell("instance", &fault))?;
         unit.open();
         self.unit = Some(unit);
-        self.early = callback::side_report().map(Box::new);
+        self.keep_side_report();
         self.step(Event::Initialize);
         for index in 0..self.standbys.len() {
             if self.standbys[index].preload == Preload::Instance {
                 let unit = crew.prepare(&self.slot, self.shelf.recipe(index + 1));
                 self.standbys[index].unit = Some(unit.map_err(|fault| self.tell("secondary", &fault))?);
-                self.early = self.early.take().or_else(|| callback::side_report().map(Box::new));
+                self.keep_side_report();
             }
         }
         self.shelf.order();
@@ -107,7 +112,7 @@ impl Member {
 
     fn tell(&self, what: &str, fault: &Fault) -> String {
         let (slot, symptom) = (self.slot.name, fault.symptom.name());
-        format!("slot {slot}: its {what} cannot be initialised: {symptom}: {}", fault.evidence.message().as_str())
+        format!("slot {slot}: its {what} cannot be initialised: {symptom}: {}", fault.evidence.text())
     }
 
     /// An initialised instance after the slot's recipe of that number.
@@ -134,7 +139,7 @@ impl Member {
         }
         match self.enter_start(crew) {
             Ok(()) => self.answer_side_report(crew),
-            Err(fault) => self.handle(fault, crew),
+            Err(fault) => self.handle(&fault, crew),
         }
         if self.state() == State::Active {
             self.begin();
@@ -155,8 +160,8 @@ impl Member {
     /// What was raised where it could not be answered: answered now, unless the slot has stopped meanwhile.
     fn answer_early(&mut self, crew: &mut Crew) {
         match self.early.take() {
-            Some(fault) if self.state() == State::Active => self.handle(*fault, crew),
-            Some(fault) => self.note(*fault, crew),
+            Some(fault) if self.state() == State::Active => self.handle(&fault, crew),
+            Some(fault) => self.note(&fault, crew),
             None => {}
         }
     }
@@ -187,7 +192,7 @@ impl Member {
         let began = clock::now_ns();
         match self.enter(Call { inject, ..Call::plain(Hook::Execute) }, crew) {
             Ok(()) => self.completed(clock::now_ns() - began, crew),
-            Err(fault) => self.handle(fault, crew),
+            Err(fault) => self.handle(&fault, crew),
         }
         // It took one value of several: the others are news, too. One that takes nothing is not asked again.
         if self.trigger == Trigger::Nonperiodic && (1..queued).contains(&self.queued()) {
@@ -212,24 +217,25 @@ impl Member {
         }
         match self.enter(Call::plain(Hook::Update), crew) {
             Ok(()) => self.answer_side_report(crew),
-            Err(fault) => self.handle(fault, crew),
+            Err(fault) => self.handle(&fault, crew),
         }
     }
 
     fn answer_side_report(&mut self, crew: &mut Crew) {
         if let Some(fault) = callback::side_report() {
-            self.handle(fault, crew);
+            self.handle(&fault, crew);
         }
     }
 
     /// `stop`: the slot becomes inactive.
     pub fn stop(&mut self, crew: &mut Crew) {
+        self.give_up(crew);
         if !self.step(Event::Stop) {
             return;
         }
         match self.enter(Call::plain(Hook::Stop), crew) {
             Ok(()) => self.note_side_report(crew),
-            Err(fault) => self.lose(fault, crew),
+            Err(fault) => self.lose(&fault, crew),
         }
     }
 
@@ -239,7 +245,7 @@ impl Member {
         if self.step(Event::Destroy)
             && let Err(fault) = self.enter(Call::plain(Hook::Destroy), crew)
         {
-            self.lose(fault, crew);
+            self.lose(&fault, crew);
         }
         if let Some(unit) = self.unit.take() {
             crew.dispose(&self.slot, unit);
@@ -252,7 +258,7 @@ impl Member {
     }
 
     /// A fault on the way out: there is nothing left to recover.
-    fn lose(&mut self, fault: Fault, crew: &mut Crew) {
+    fn lose(&mut self, fault: &Fault, crew: &mut Crew) {
         self.step(Event::Fault);
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
             crew.dispose(&self.slot, unit);

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::limits::RESETS_MAX;
+use super::limits::{RESETS_DEFAULT, RESETS_MAX, RESETS_WINDOW};
 use super::symptom::{Severity, SeverityTable, Symptom};
 
 /// What is done about a fault.
@@ -40,10 +40,11 @@ pub struct Ladder {
 }
 
 impl Ladder {
-    /// Rules with `limit` resets within `within` (none without an intensity) and that many secondaries.
+    /// Rules with `limit` resets within `within` and that many secondaries. Without an intensity a default holds: a slot
+    /// that fails again and again must not be reset for ever.
     #[must_use]
     pub fn new(severity: SeverityTable, intensity: Option<(u32, Duration)>, secondaries: usize) -> Self {
-        let (limit, within) = intensity.unwrap_or((RESETS_MAX, Duration::ZERO));
+        let (limit, within) = intensity.unwrap_or((RESETS_DEFAULT, RESETS_WINDOW));
         let limit = limit.min(RESETS_MAX) as usize;
         Self {
             severity,
@@ -126,6 +127,15 @@ mod tests {
     #[test]
     fn a_limit_of_zero_replaces_at_once() {
         assert_eq!(ladder(0, Duration::from_secs(1), 1).answer(Symptom::CrashSegv, 5), Answer::Replace);
+    }
+
+    #[test]
+    fn without_an_intensity_resets_are_bounded_all_the_same() {
+        let mut severity = SeverityTable::opros_default();
+        severity.set(Symptom::CrashSegv, Severity::Reset);
+        let mut ladder = Ladder::new(severity, None, 0);
+        let resets = (0..100).take_while(|at| ladder.answer(Symptom::CrashSegv, *at) == Answer::Reset).count();
+        assert_eq!(resets, RESETS_DEFAULT as usize);
     }
 
     #[test]

@@ -66,6 +66,10 @@ pub const FIFO_SIZE_DEFAULT: usize = 15;
 
 /// Most resets that a restart intensity may allow within its window.
 pub const RESETS_MAX: u32 = 1_000;
+/// Restart intensity of a slot whose rules state none: that many resets
+pub const RESETS_DEFAULT: u32 = 10;
+/// within that time.
+pub const RESETS_WINDOW: Duration = Duration::from_secs(10);
 /// Most secondaries of one slot.
 pub const SECONDARIES: usize = 16;
 /// Most spares of one slot.
@@ -101,6 +105,12 @@ pub const SHUTDOWN_STEP: Duration = Duration::from_millis(500);
 pub const BOOT_STEP: Duration = Duration::from_secs(10);
 /// Recoveries tried for one fault before the slot is stopped.
 pub const RECOVERY_STEPS_MAX: usize = 2 * SECONDARIES;
+/// Failed tries of one recovery after which the next one follows at once.
+pub const BREATHLESS_FAILURES: usize = 1;
+/// Pause after the failed tries beyond them; doubled each time.
+pub const BREATH_MIN: Duration = Duration::from_millis(50);
+/// Longest such pause.
+pub const BREATH_MAX: Duration = Duration::from_secs(2);
 
 const _: () = assert!(COMPOSITE_DEPTH < PROFILE_FILES);
 const _: () = assert!(PROFILE_ELEMENTS > SLOTS, "a file must be able to hold every slot");

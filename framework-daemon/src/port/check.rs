@@ -8,6 +8,7 @@
 //! this thread, and the writer is to blame for what it wrote.
 
 use std::cell::Cell;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use component_sdk::object::TypeDescriptor;
@@ -23,6 +24,8 @@ use crate::profile::plan::{Limit, OnInvalid, Validity};
 #[derive(Default)]
 pub struct Checks {
     rules: Vec<Check>,
+    /// The next value begins all episodes anew. A flag, because a recovery sets it, which waits for no lock.
+    anew: AtomicBool,
     /// The last value that satisfied every rule, where one of them wants it.
     last_valid: Mutex<Option<Sample>>,
 }
@@ -110,7 +113,7 @@ impl Checks {
             })
         });
         let rules = compiled.collect::<Result<_, (String, PathError)>>()?;
-        Ok(Self { rules, last_valid: Mutex::default() })
+        Ok(Self { rules, ..Self::default() })
     }
 
     /// True when nothing is checked.
@@ -128,11 +131,14 @@ impl Checks {
 
     /// Begins anew: the writer was reset or replaced, and what its successor writes wrongly is another fault.
     pub fn forget_episodes(&self) {
-        self.rules.iter().for_each(|check| *lock(&check.episode) = Episode::default());
+        self.anew.store(true, Ordering::Release);
     }
 
     /// Judges one value: dropping it weighs more than holding an earlier one, and that more than passing it.
     pub(super) fn judge(&self, port: &str, candidate: &Candidate<'_>, now_ns: u64) -> Verdict {
+        if self.anew.load(Ordering::Relaxed) && self.anew.swap(false, Ordering::AcqRel) {
+            self.rules.iter().for_each(|check| *lock(&check.episode) = Episode::default());
+        }
         let broken = self.rules.iter().filter_map(|check| check.judge(port, candidate.value, now_ns));
         let worst = broken.reduce(|one, other| if weight(one) >= weight(other) { one } else { other });
         match worst {

@@ -1,5 +1,6 @@
 //! Output ports: a block is lent, filled by the component, checked, and handed to every connected input by reference.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use arc_swap::ArcSwap;
@@ -31,12 +32,9 @@ pub enum Borrower {
     Other,
 }
 
-/// All connections of a port.
-#[derive(Default)]
-struct Links {
-    all: Vec<Link>,
-    /// Something is checked on the way over them.
-    judged: bool,
+/// Makes this thread ready to write to ports: its first look at a set of connections would allocate.
+pub fn warm_up() {
+    let _ = ArcSwap::from_pointee(()).load();
 }
 
 /// An output port of a slot.
@@ -47,7 +45,9 @@ pub struct OutPort {
     pub object: &'static TypeDescriptor,
     /// Checks of the port itself.
     pub checks: Checks,
-    links: ArcSwap<Links>,
+    links: ArcSwap<Vec<Link>>,
+    /// Something is checked on the way over them.
+    judged: AtomicBool,
     // Held for a few instructions in which no memory of a plugin is touched, so that no thread can fault with it.
     blocks: Mutex<Blocks>,
 }
@@ -63,7 +63,8 @@ impl OutPort {
     /// An unconnected port.
     #[must_use]
     pub fn new(name: &str, object: &'static TypeDescriptor, checks: Checks) -> Self {
-        let port = Self { name: name.to_owned(), object, checks, links: ArcSwap::default(), blocks: Mutex::default() };
+        let (links, judged, blocks) = (ArcSwap::default(), AtomicBool::new(false), Mutex::default());
+        let port = Self { name: name.to_owned(), object, checks, links, judged, blocks };
         port.connect(Vec::new());
         port
     }
@@ -79,13 +80,19 @@ impl OutPort {
         drop(blocks);
         let is_judged = |link: &Link| !link.checks.is_empty() || !link.target.checks.is_empty();
         let judged = !self.checks.is_empty() || links.iter().any(is_judged);
-        self.links.store(Arc::new(Links { all: links, judged }));
+        // Never a checked connection over which a value slips unchecked.
+        self.judged.fetch_or(judged, Ordering::SeqCst);
+        self.links.store(Arc::new(links));
+        self.judged.store(judged, Ordering::SeqCst);
     }
 
     /// Begins the checks of this port and its connections anew.
     pub fn forget_episodes(&self) {
+        if !self.judged.load(Ordering::SeqCst) {
+            return;
+        }
         self.checks.forget_episodes();
-        for link in &self.links.load().all {
+        for link in self.links.load().iter() {
             link.checks.forget_episodes();
             link.target.checks.forget_episodes();
         }
@@ -94,7 +101,7 @@ impl OutPort {
     /// The connections, as they are.
     #[must_use]
     pub fn links(&self) -> Vec<Link> {
-        self.links.load().all.clone()
+        self.links.load().to_vec()
     }
 
     /// Lends a block that no reader holds.
@@ -117,17 +124,16 @@ impl OutPort {
     /// Sends the block on loan.
     pub(super) fn publish(&self, value: *mut u8) -> Sent {
         let now_ns = clock::now_ns();
-        let links = self.links.load();
-        if links.judged && !links.all.is_empty() {
-            drop(links);
+        if self.judged.load(Ordering::SeqCst) {
             return self.publish_judged(value, now_ns);
         }
         let Some(sample) = self.end_loan(value) else { return Sent::Closed };
         sample.fill(now_ns);
-        if links.all.is_empty() {
+        let links = self.links.load();
+        if links.is_empty() {
             return Sent::Unconnected;
         }
-        let pushed = links.all.iter().map(|link| push(&link.target, Arc::clone(&sample)));
+        let pushed = links.iter().map(|link| push(&link.target, Arc::clone(&sample)));
         pushed.fold(Sent::Ok, worse)
     }
 
@@ -140,11 +146,15 @@ impl OutPort {
         // Counted, because a guard that a trap leaves behind would slow this thread down for ever. A count that it
         // leaves keeps one set of connections, once.
         let links = self.links.load_full();
+        if links.is_empty() {
+            let _ = self.end_loan(value);
+            return Sent::Unconnected;
+        }
         let share = || self.share(value);
         let own = Candidate { value, sample: &share };
         let sent = match self.checks.judge(&self.name, &own, now_ns) {
-            Verdict::Pass => deliver(&links.all, &own, now_ns),
-            Verdict::Instead(held) => deliver_held(&links.all, &held, now_ns),
+            Verdict::Pass => deliver(&links, &own, now_ns),
+            Verdict::Instead(held) => deliver_held(&links, &held, now_ns),
             Verdict::Withhold => Sent::Dropped,
         };
         let _ = self.end_loan(value);

@@ -30,9 +30,6 @@ const NOT_DETECTED: [Symptom; 9] = [
     Symptom::Late,
 ];
 
-/// Window of a `<reset>` that states none.
-const RESET_WINDOW: Duration = Duration::from_secs(10);
-
 /// `fault_tolerance` as written, references not yet resolved.
 #[derive(Clone, Debug, Serialize)]
 pub struct Declared {
@@ -155,7 +152,7 @@ fn note_inactive_severity(rule: &Element, severity: Severity, report: &mut Repor
 fn intensity(element: &Element, report: &mut Reporter) -> Intensity {
     let limit = quantity::integer(element.value_of("limit"), 0, i64::from(limits::RESETS_MAX)).unwrap_or(0);
     let within = if element.attribute("within").is_some() { positive(element, "within", report) } else { None };
-    Intensity { limit: u32::try_from(limit).unwrap_or(0), within: within.unwrap_or(RESET_WINDOW) }
+    Intensity { limit: u32::try_from(limit).unwrap_or(0), within: within.unwrap_or(limits::RESETS_WINDOW) }
 }
 
 fn secondaries(element: &Element, report: &mut Reporter) -> Vec<Secondary> {

@@ -122,6 +122,7 @@ fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Me
         rank: 0,
         inject: std::collections::VecDeque::new(),
         early: None,
+        breath: None,
     }
 }
 

@@ -69,7 +69,7 @@ pub static FAULT_TOLERANCE: ElementRule = ElementRule::parent(
                     required("limit", Kind::Integer(0, limits::RESETS_MAX as i64), "Most resets; 0: replace at once."),
                     optional("within", Kind::Duration, "Window; default 10s."),
                 ],
-                "Restart intensity; beyond it the ladder goes on: replace, then stop.",
+                "Restart intensity; beyond it the ladder goes on: replace, then stop. Without the element: 10 within 10s.",
             ),
         ),
         (

@@ -16,21 +16,22 @@ impl Member {
         let is_present = unit.is_some();
         unit.into_iter().for_each(|unit| unit.spent |= is_lost);
         match self.state() {
-            State::Active if is_present => self.handle(fault, crew),
-            _ if is_present && is_lost => self.lose(fault, crew),
-            _ => self.blame_standby(report.owner.instance, fault, crew),
+            State::Active if is_present => self.handle(&fault, crew),
+            _ if is_present && is_lost => self.lose(&fault, crew),
+            _ => self.blame_standby(report.owner.instance, &fault, crew),
         }
     }
 
-    /// A standby is as lost as the instance in use; the next one is made when it is needed.
-    fn blame_standby(&mut self, instance: u64, fault: Fault, crew: &mut Crew) {
+    /// A standby or a spare is as lost as the instance in use; the next one is made when it is needed.
+    fn blame_standby(&mut self, instance: u64, fault: &Fault, crew: &mut Crew) {
         let units = self.standbys.iter_mut().map(|standby| &mut standby.unit);
         let lost = units
             .filter(|_| fault.symptom.loses_instance())
-            .find_map(|unit| unit.take_if(|unit| unit.number == instance));
+            .find_map(|unit| unit.take_if(|unit| unit.number == instance))
+            .or_else(|| self.shelf.take_instance(instance).filter(|_| fault.symptom.loses_instance()));
         if let Some(mut unit) = lost {
             unit.spent = true;
-            self.dispose(unit, crew);
+            crew.dispose(&self.slot, unit);
         }
         self.note(fault, crew);
     }

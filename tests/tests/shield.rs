@@ -58,7 +58,7 @@ fn handlers_masks_and_signal_stacks_stay_the_daemons() {
 
 #[test]
 fn the_end_of_the_process_is_the_end_of_a_callback() {
-    for deed in ["exit", "exit now", "pthread_exit"] {
+    for deed in ["exit", "exit now", "pthread_exit", "exec"] {
         contained(deed, "crash.exit");
     }
 }

@@ -10,7 +10,7 @@ const LAYERS: [&str; 11] =
 
 /// Where unsafe code may live. Each file opens with `#![allow(unsafe_code, reason = "address of unsafe: ...")]`, or allows
 /// it for one function.
-const UNSAFE: [&str; 31] = [
+const UNSAFE: [&str; 33] = [
     "component-sdk/derive/src/comm_object.rs",
     "component-sdk/src/abi/export.rs",
     "component-sdk/src/abi/host.rs",
@@ -36,9 +36,11 @@ const UNSAFE: [&str; 31] = [
     "framework-daemon/src/sys/foreign.rs",
     "framework-daemon/src/sys/shield/leave.rs",
     "framework-daemon/src/sys/shield/mod.rs",
+    "framework-daemon/src/sys/shield/replace.rs",
     "framework-daemon/src/sys/shield/send.rs",
     "framework-daemon/src/sys/shield/signals.rs",
     "framework-daemon/src/sys/shield/threads.rs",
+    "framework-daemon/src/sys/shield/waits.rs",
     "framework-daemon/src/sys/text.rs",
     "framework-daemon/src/sys/thread.rs",
     "framework-daemon/src/sys/trap.rs",

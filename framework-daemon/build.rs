@@ -1,7 +1,10 @@
-//! Exports the symbols that plugins are to see as the daemon's own (`src/sys/shield`).
+//! Exports the symbols that plugins are to see as the daemon's own (`src/sys/shield`, `src/sys/heap.rs`).
 
-/// Each is defined in `src/sys/shield`.
+/// Each is defined in `src/sys/shield` or `src/sys/heap.rs`.
 const SHIELDED: &[&str] = &[
+    // heap
+    "free",
+    "realloc",
     // leave
     "abort",
     "exit",

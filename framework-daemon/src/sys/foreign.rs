@@ -15,9 +15,9 @@ use crossbeam_queue::ArrayQueue;
 use libc::c_void;
 
 use super::thread::SignalStack;
-use super::trap::Trap;
+use super::trap::{self, Site, Trap};
 use super::wake::Waker;
-use super::{arch, clock, shield, text};
+use super::{arch, clock, heap, shield, text};
 use crate::model::fault::{Evidence, TrapEvidence};
 use crate::model::limits::{FOREIGN_REPORTS, STACK_OVERFLOW_REACH_BYTES};
 
@@ -165,6 +165,7 @@ impl Birth {
 pub(super) extern "C-unwind" fn begin(birth: *mut c_void) -> *mut c_void {
     // SAFETY: `pthread_create` passes what `Birth::new` made, to this thread only.
     let Birth { owner, start, argument } = *unsafe { Box::from_raw(birth.cast::<Birth>()) };
+    heap::adopt_thread();
     GUARD.set(Some(Guard(SignalStack::untouched())));
     shield::unblock_ours();
     OWNER.set(owner);
@@ -189,6 +190,11 @@ fn lower_end() -> usize {
 }
 
 impl Here {
+    /// True for an address where an overflow of the stack would strike.
+    fn is_near_end(&self, address: usize) -> bool {
+        self.low.abs_diff(address) < STACK_OVERFLOW_REACH_BYTES
+    }
+
     /// Gives back what an overflow filled; what lies near the beginning stays. Not below the frame that runs, where this
     /// is not the handler's stack.
     fn give_back(&self) {
@@ -211,26 +217,46 @@ const KEPT_STACK_BYTES: usize = 64 << 10;
 const PAGE_BYTES: usize = 64 << 10;
 
 /// A trap on this thread. Returns where no plugin started it; else the thread ends here.
-pub(super) fn struck(mut trap: Trap) {
-    let Some(Here { low, .. }) = HERE.get() else { return };
-    let reach = low.saturating_sub(STACK_OVERFLOW_REACH_BYTES)..low + STACK_OVERFLOW_REACH_BYTES;
-    let is_near = |address: u64| reach.contains(&(address as usize));
-    trap.stack_overflow =
-        trap.evidence.signal == libc::SIGSEGV && is_near(trap.evidence.address) && is_near(trap.evidence.sp);
-    end(trap)
+pub(super) fn struck(signal: i32, info: &libc::siginfo_t, context: &libc::ucontext_t, exited: bool) {
+    let Some(here) = HERE.get() else { return };
+    let (pc, sp) = arch::position(context);
+    let address = trap::address(signal, info);
+    // SAFETY: the stack of this thread is mapped between these.
+    let caller = if (here.low..here.top).contains(&sp) { unsafe { arch::return_address(context) } } else { 0 };
+    end(Trap {
+        evidence: TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 },
+        site: Site::of(address, pc, caller),
+        stack_overflow: signal == libc::SIGSEGV && here.is_near_end(address) && here.is_near_end(sp),
+        exited,
+        ..ended(exited)
+    })
 }
 
 /// This thread called what ends a process: `exit` and its kin, or `abort`. It alone ends.
 pub(super) fn leave(exited: bool) -> ! {
-    let evidence = TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 };
-    end(Trap { evidence, stack_overflow: false, exited, at_ns: clock::now_ns() })
+    end(ended(exited))
+}
+
+fn ended(exited: bool) -> Trap {
+    Trap {
+        evidence: TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 },
+        site: Site::Plugin,
+        stack_overflow: false,
+        exited,
+        hang: false,
+        thread_lost: true,
+        at_ns: clock::now_ns(),
+    }
 }
 
 fn end(trap: Trap) -> ! {
     LOST.fetch_add(1, Ordering::Relaxed);
+    if trap.site == Site::Elsewhere {
+        heap::abandon_thread();
+    }
     report(Event::Trapped(trap), trap.at_ns);
     HERE.get().inspect(Here::give_back);
-    arch::exit_thread()
+    arch::end_thread()
 }
 
 /// A panic on this thread, which a plugin started.
@@ -325,8 +351,7 @@ mod tests {
     }
 
     fn trapped() -> Event {
-        let evidence = TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 };
-        Event::Trapped(Trap { evidence, stack_overflow: false, exited: false, at_ns: 0 })
+        Event::Trapped(ended(false))
     }
 
     #[test]

@@ -1,6 +1,10 @@
 //! The operating system: clock, threads, fibers, traps, wake-ups. Most of the daemon's unsafe code has its address here.
 
-mod arch;
+/// All that depends on the processor.
+pub mod arch;
+
+/// Threads that carry executors, and those that take over from one that is given up.
+pub mod carrier;
 
 /// The monotonic clock.
 pub mod clock;
@@ -14,8 +18,23 @@ pub mod fiber;
 /// Threads that plugins start.
 pub mod foreign;
 
+/// Waiting on a word of memory.
+pub mod futex;
+
+/// The C library's heap after a thread was given up.
+pub mod heap;
+
+/// Functions of the C library that hold no lock.
+pub mod leaf;
+
 /// Log records of components, written by an ordinary thread.
 pub mod log_ring;
+
+/// Until when a callback must have returned.
+pub mod pulse;
+
+/// From a thread that is given up to one in reserve.
+pub mod relay;
 
 /// What plugins see as the C library.
 pub mod shield;
@@ -31,6 +50,9 @@ pub mod thread;
 
 /// Fatal signals on a fiber end the fiber.
 pub mod trap;
+
+/// Sees which callback is over its deadline.
+pub mod watchdog;
 
 /// Waiting for a moment or a wake-up.
 pub mod wake;

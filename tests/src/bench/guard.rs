@@ -3,7 +3,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use framework_daemon::sys::fiber::Fiber;
+use framework_daemon::sys::fiber::{Fiber, NEVER};
 
 use super::stats::Samples;
 
@@ -23,7 +23,7 @@ pub fn measure(samples: usize) -> (Samples, Samples) {
     for _ in 0..samples {
         let began = Instant::now();
         for _ in 0..BATCH {
-            black_box(fiber.run(black_box(&mut closure)));
+            black_box(fiber.run(NEVER, black_box(&mut closure)));
         }
         guarded.add(began.elapsed().as_nanos() as u64 / u64::from(BATCH));
         let began = Instant::now();

@@ -15,7 +15,7 @@ use framework_daemon::model::fault::FaultEvent;
 use framework_daemon::profile::load;
 use framework_daemon::supervise::boot::boot;
 use framework_daemon::supervise::shutdown::shutdown;
-use framework_daemon::sys::fiber::{Ended, Fiber};
+use framework_daemon::sys::fiber::{Ended, Fiber, NEVER};
 use framework_daemon::sys::thread::SignalStack;
 use framework_daemon::sys::trap;
 
@@ -92,12 +92,12 @@ fn recovered(events: &Receiver<FaultEvent>) -> u64 {
 fn bare_trap() -> u64 {
     let mut first = Fiber::new(STACK).expect("address space");
     let mut second = Fiber::new(STACK).expect("address space");
-    second.run(&mut || {});
+    second.run(NEVER, &mut || {});
     let began = Instant::now();
     // SAFETY: none; the write faults, which is its purpose.
-    let ended = first.run(&mut || unsafe { std::hint::black_box(8 as *mut u32).write_volatile(1) });
+    let ended = first.run(NEVER, &mut || unsafe { std::hint::black_box(8 as *mut u32).write_volatile(1) });
     assert_eq!(ended, Ended::Trapped);
-    second.run(&mut || {});
+    second.run(NEVER, &mut || {});
     began.elapsed().as_nanos() as u64
 }
 

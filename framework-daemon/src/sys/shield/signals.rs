@@ -345,12 +345,12 @@ pub unsafe extern "C" fn sigaltstack(new: *const Stack, old: *mut Stack) -> i32 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sys::fiber::{Ended, Fiber};
+    use crate::sys::fiber::{Ended, Fiber, NEVER};
 
     /// Runs as a component's callback does.
     fn as_plugin<T>(closure: impl Fn() -> T) -> T {
         let mut result = None;
-        let ended = Fiber::new(64 << 10).unwrap().run(&mut || result = Some(closure()));
+        let ended = Fiber::new(64 << 10).unwrap().run(NEVER, &mut || result = Some(closure()));
         assert_eq!(ended, Ended::Returned);
         result.unwrap()
     }

@@ -293,6 +293,7 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
         if is_guest {
             foreign::struck(signal, info, context, verdict == Some(Verdict::Leaves));
         }
+        shield::stand_down();
         return if sent.is_some() { end_by(signal) } else { chain(signal, info, context) };
     };
     let raised = RAISED.replace(Raised::Nothing);

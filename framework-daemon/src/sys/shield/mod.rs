@@ -61,6 +61,12 @@ pub fn load<T>(body: impl FnOnce() -> T) -> T {
 
 static PROCESS: AtomicI32 = AtomicI32::new(0);
 static FORKED: AtomicBool = AtomicBool::new(false);
+static ENDING: AtomicBool = AtomicBool::new(false);
+
+/// The process is about to end by a signal: whoever calls from now on does it for that.
+pub(super) fn stand_down() {
+    ENDING.store(true, Ordering::Release);
+}
 
 /// Looks the C library's functions up and makes harmless what would end the process by default; once in a process.
 pub fn install() {
@@ -100,7 +106,7 @@ pub(super) fn caller() -> Caller {
     // A child that shares our memory (`vfork`) has only its number of its own.
     let process = PROCESS.load(Ordering::Acquire);
     let is_child = is_copy() || (process != 0 && process != own_process());
-    if is_child { Caller::Daemon } else { guest }
+    if is_child || ENDING.load(Ordering::Acquire) { Caller::Daemon } else { guest }
 }
 
 /// A function of the C library behind one of ours.

@@ -86,6 +86,12 @@ fn system_calls_past_the_c_library_are_stopped() {
 }
 
 #[test]
+fn a_trap_on_another_stack_is_the_callbacks() {
+    contained("asm own stack", "crash.segv");
+    contained("asm wild stack", "crash.segv");
+}
+
+#[test]
 fn a_trap_on_a_components_own_thread_ends_that_thread() {
     contained("thread null", "crash.segv");
     contained("thread overflow", "crash.stack");

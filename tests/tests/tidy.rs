@@ -28,6 +28,7 @@ const UNSAFE: &[&str] = &[
     "framework-daemon/src/port/border.rs",
     "framework-daemon/src/port/check.rs",
     "framework-daemon/src/sys/arch/aarch64.rs",
+    "framework-daemon/src/sys/arch/mod.rs",
     "framework-daemon/src/sys/arch/x86_64.rs",
     "framework-daemon/src/sys/carrier.rs",
     "framework-daemon/src/sys/clock.rs",

@@ -35,18 +35,13 @@ pub const fn of_status(status: CallStatus) -> Option<Symptom> {
 mod tests {
     use super::*;
     use crate::model::fault::TrapEvidence;
-    use crate::sys::trap::Site;
 
     #[test]
     fn each_signal_has_its_symptom() {
         let trap = |signal, stack_overflow| Trap {
-            evidence: TrapEvidence { signal, address: 0, pc: 0, sp: 0 },
-            site: Site::Plugin,
             stack_overflow,
             exited: signal == 0,
-            hang: false,
-            thread_lost: false,
-            at_ns: 0,
+            ..Trap::new(TrapEvidence { signal, address: 0, pc: 0, sp: 0 }, 0)
         };
         let seen =
             [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT].map(|s| of_trap(&trap(s, false)));

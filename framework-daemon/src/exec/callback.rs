@@ -58,7 +58,8 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
 /// The fault that ended it; for a property that does not fit, with its text.
 pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Result<Unit, Fault> {
     let mut built = None;
-    let (limits, owner) = (parts.limits(), Owner { slot, instance: parts.number() });
+    let limits = parts.limits();
+    let owner = Owner { slot, instance: parts.number() };
     let deadline_ns = clock::now_ns() + limits.of(Hook::Initialize);
     let ended = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || built = Some(parts.build()));
     match (ended, built) {
@@ -75,7 +76,8 @@ pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Resul
 /// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop; false then.
 pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bool {
     unit.close();
-    let (instance, limits, owner) = (&mut unit.instance, unit.limits, Owner { slot, instance: unit.number });
+    let (owner, limits) = (Owner { slot, instance: unit.number }, unit.limits);
+    let instance = &mut unit.instance;
     let mut drop = || _ = instance.destroy();
     let deadline_ns = clock::now_ns() + limits.of(Hook::Destroy);
     unit.spent = unit.spent || guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut drop).is_err();

@@ -239,7 +239,7 @@ impl Run {
     fn retire(&mut self) -> ! {
         self.crew.faults = crossbeam_channel::bounded(1).0;
         self.bell.retire();
-        arch::end_thread()
+        arch::exit_thread()
     }
 
     fn install(&mut self, mut member: Box<Member>) -> Result<usize, String> {

@@ -15,7 +15,7 @@ use crossbeam_queue::ArrayQueue;
 use libc::c_void;
 
 use super::thread::SignalStack;
-use super::trap::{self, Site, Trap};
+use super::trap::{Site, Trap};
 use super::wake::Waker;
 use super::{arch, clock, heap, shield, text};
 use crate::model::fault::{Evidence, TrapEvidence};
@@ -217,36 +217,20 @@ const KEPT_STACK_BYTES: usize = 64 << 10;
 const PAGE_BYTES: usize = 64 << 10;
 
 /// A trap on this thread. Returns where no plugin started it; else the thread ends here.
-pub(super) fn struck(signal: i32, info: &libc::siginfo_t, context: &libc::ucontext_t, exited: bool) {
+pub(super) fn struck(mut trap: Trap, context: &libc::ucontext_t) {
     let Some(here) = HERE.get() else { return };
-    let (pc, sp) = arch::position(context);
-    let address = trap::address(signal, info);
+    let (address, pc, sp) = (trap.evidence.address as usize, trap.evidence.pc as usize, trap.evidence.sp as usize);
     // SAFETY: the stack of this thread is mapped between these.
     let caller = if (here.low..here.top).contains(&sp) { unsafe { arch::return_address(context) } } else { 0 };
-    end(Trap {
-        evidence: TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 },
-        site: Site::of(address, pc, caller),
-        stack_overflow: signal == libc::SIGSEGV && here.is_near_end(address) && here.is_near_end(sp),
-        exited,
-        ..ended(exited)
-    })
+    trap.site = Site::of(address, pc, caller);
+    trap.stack_overflow = trap.evidence.signal == libc::SIGSEGV && here.is_near_end(address) && here.is_near_end(sp);
+    end(trap)
 }
 
 /// This thread called what ends a process: `exit` and its kin, or `abort`. It alone ends.
 pub(super) fn leave(exited: bool) -> ! {
-    end(ended(exited))
-}
-
-fn ended(exited: bool) -> Trap {
-    Trap {
-        evidence: TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 },
-        site: Site::Plugin,
-        stack_overflow: false,
-        exited,
-        hang: false,
-        thread_lost: true,
-        at_ns: clock::now_ns(),
-    }
+    let evidence = TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 };
+    end(Trap { exited, site: Site::Plugin, ..Trap::new(evidence, clock::now_ns()) })
 }
 
 fn end(trap: Trap) -> ! {
@@ -256,7 +240,7 @@ fn end(trap: Trap) -> ! {
     }
     report(Event::Trapped(trap), trap.at_ns);
     HERE.get().inspect(Here::give_back);
-    arch::end_thread()
+    arch::exit_thread()
 }
 
 /// A panic on this thread, which a plugin started.
@@ -351,7 +335,8 @@ mod tests {
     }
 
     fn trapped() -> Event {
-        Event::Trapped(ended(false))
+        let evidence = TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 };
+        Event::Trapped(Trap::new(evidence, 0))
     }
 
     #[test]

@@ -52,6 +52,15 @@ pub struct Trap {
     pub at_ns: u64,
 }
 
+impl Trap {
+    /// One of which nothing more is known.
+    #[must_use]
+    pub const fn new(evidence: TrapEvidence, at_ns: u64) -> Self {
+        let site = Site::Elsewhere;
+        Self { evidence, site, stack_overflow: false, exited: false, hang: false, thread_lost: false, at_ns }
+    }
+}
+
 /// Where the program counter was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Site {
@@ -131,8 +140,9 @@ impl Armed {
         unsafe { arch::continue_at(&self.handler.setup_trap_handler(|| ())) }
     }
 
-    fn holds(&self, sp: usize) -> bool {
-        self.pulse.is_beating() && self.handler.stack_ptr_in_bounds(sp)
+    /// True where plugin code runs: on the fiber's stack, or on one that it brought along or lost its way to.
+    fn holds(&self, pc: usize, sp: usize) -> bool {
+        self.pulse.is_beating() && (self.handler.stack_ptr_in_bounds(sp) || text::is_plugin(pc))
     }
 
     fn guard(&self) -> std::ops::Range<usize> {
@@ -142,8 +152,11 @@ impl Armed {
     /// Where the interrupted function returns to, if it has no frame.
     fn caller(&self, context: &libc::ucontext_t) -> usize {
         let (_, sp) = arch::position(context);
+        if sp < self.guard().end || !self.handler.stack_ptr_in_bounds(sp) {
+            return 0;
+        }
         // SAFETY: above its guard the fiber's stack is mapped.
-        if sp >= self.guard().end { unsafe { arch::return_address(context) } } else { 0 }
+        unsafe { arch::return_address(context) }
     }
 
     fn site(&self, address: usize, context: &libc::ucontext_t) -> Site {
@@ -170,7 +183,7 @@ impl Armed {
                 heap::abandon_thread();
                 // Where not even a place is left for it, the executor ends with its thread.
                 relay.pass(std::ptr::from_ref(self).cast_mut());
-                arch::end_thread();
+                arch::exit_thread();
             }
         }
     }
@@ -288,35 +301,26 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
         return;
     }
     let sent = is_sent(info);
-    let is_guest = sent != Some(false) && !shield::is_copy();
-    let Some(armed) = armed().filter(|armed| armed.holds(sp) && is_guest) else {
-        if is_guest {
-            foreign::struck(signal, info, context, verdict == Some(Verdict::Leaves));
-        }
-        shield::stand_down();
-        return if sent.is_some() { end_by(signal) } else { chain(signal, info, context) };
-    };
     let raised = RAISED.replace(Raised::Nothing);
     let signal = if raised == Raised::Nothing { signal } else { libc::SIGABRT };
-    let address = address(signal, info);
-    // The function that makes any system call holds no lock.
-    let site = if verdict.is_some() && !text::is_plugin(pc) { Site::Leaf } else { armed.site(address, context) };
-    let trap = Trap {
-        evidence: TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 },
-        site,
-        stack_overflow: signal == libc::SIGSEGV && armed.guard().contains(&address),
-        exited: raised == Raised::Exit || verdict == Some(Verdict::Leaves),
-        hang: false,
-        thread_lost: false,
-        at_ns,
-    };
-    armed.end(trap, context);
-}
-
-/// The address that a signal carries, 0 for SIGABRT, which carries none.
-pub(super) fn address(signal: i32, info: &libc::siginfo_t) -> usize {
-    // SAFETY: all other signals whose handler asks carry one.
-    if signal == libc::SIGABRT { 0 } else { unsafe { info.si_addr() }.addr() }
+    // SAFETY: all of these signals but SIGABRT carry an address.
+    let address = if signal == libc::SIGABRT { 0 } else { unsafe { info.si_addr() }.addr() };
+    let evidence = TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 };
+    let mut trap = Trap::new(evidence, at_ns);
+    trap.exited = raised == Raised::Exit || verdict == Some(Verdict::Leaves);
+    // A copy of this process that a plugin made is no business of ours, nor is a signal from outside.
+    let is_guest = sent != Some(false) && !shield::is_copy();
+    if let Some(armed) = armed().filter(|armed| is_guest && armed.holds(pc, sp)) {
+        // The function that makes any system call holds no lock.
+        trap.site = if verdict.is_some() { Site::Leaf } else { armed.site(address, context) };
+        trap.stack_overflow = signal == libc::SIGSEGV && armed.guard().contains(&address);
+        return armed.end(trap, context);
+    }
+    if is_guest {
+        foreign::struck(trap, context);
+    }
+    shield::stand_down();
+    if sent.is_some() { end_by(signal) } else { chain(signal, info, context) }
 }
 
 /// The watchdog's signal: the callback that runs on this thread, if it is still the one that is late.
@@ -324,7 +328,7 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     // SAFETY: the kernel passes a valid pointer for the time of the call.
     let context = unsafe { &mut *context.cast::<libc::ucontext_t>() };
     let (pc, sp) = arch::position(context);
-    let Some(armed) = armed().filter(|armed| armed.holds(sp)) else { return };
+    let Some(armed) = armed().filter(|armed| armed.holds(pc, sp)) else { return };
     let Some(at_ns) = armed.pulse.deadline_ns().filter(|deadline| *deadline <= clock::now_ns()) else { return };
     let site = armed.site(0, context);
     // In the daemon's own function, or in the allocator of a component that is in and out of it: another moment is better.
@@ -341,10 +345,7 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
     let site = if site == Site::Daemon { Site::Elsewhere } else { site };
     let evidence = TrapEvidence { signal, address: 0, pc: pc as u64, sp: sp as u64 };
-    armed.end(
-        Trap { evidence, site, stack_overflow: false, exited: false, hang: true, thread_lost: false, at_ns },
-        context,
-    );
+    armed.end(Trap { site, hang: true, ..Trap::new(evidence, at_ns) }, context);
 }
 
 /// Some when the signal was sent and not caused by an instruction; true when this process sent it to itself (`abort`).

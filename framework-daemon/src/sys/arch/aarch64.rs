@@ -54,12 +54,6 @@ pub unsafe fn continue_at(to: &TrapHandlerRegs) -> ! {
     }
 }
 
-/// Ends the calling kernel thread: no destructor runs, nothing of its memory is freed.
-pub fn end_thread() -> ! {
-    // SAFETY: the system call takes no memory and does not return.
-    unsafe { asm!("svc 0", in("x8") libc::SYS_exit, in("x0") 0, options(noreturn)) }
-}
-
 /// Traps, at this very instruction.
 pub fn strike() {
     // SAFETY: the instruction raises SIGILL, whose handler ends the fiber or the process.
@@ -91,6 +85,6 @@ pub fn arguments(context: &libc::ucontext_t) -> [usize; 6] {
 }
 
 /// Sets what the interrupted system call returns.
-pub const fn set_result(context: &mut libc::ucontext_t, result: isize) {
+pub fn set_result(context: &mut libc::ucontext_t, result: isize) {
     context.uc_mcontext.regs[0] = result as u64;
 }

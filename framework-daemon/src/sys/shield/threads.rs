@@ -59,7 +59,7 @@ pub unsafe extern "C-unwind" fn pthread_exit(value: *mut c_void) -> ! {
     match EXIT.get() {
         // SAFETY: passed on.
         Some(exit) => unsafe { exit(value) },
-        None => crate::sys::arch::end_thread(),
+        None => crate::sys::arch::exit_thread(),
     }
 }
 

@@ -65,6 +65,21 @@ pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Resul
     }
 }
 
+/// Runs a closure that touches memory of `unit`, guarded as its callbacks are.
+///
+/// # Errors
+/// The fault that ended it: the memory is not there.
+pub fn touch(
+    fibers: &mut FiberPool,
+    slot: &'static str,
+    unit: &mut Unit,
+    closure: &mut dyn FnMut(),
+) -> Result<(), Fault> {
+    let result = guarded(fibers, slot, unit.stack_bytes, closure);
+    unit.spent |= result.is_err();
+    result
+}
+
 /// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop; false then.
 pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bool {
     unit.close();

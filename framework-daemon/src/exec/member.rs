@@ -7,6 +7,7 @@ use std::sync::atomic::Ordering;
 use component_sdk::abi::class::Hook;
 
 use super::callback::{self, Call};
+use super::checkpoint::Checkpoint;
 use super::recover::Breath;
 use super::slot::{Slot, Status};
 use super::trigger::Signal;
@@ -64,6 +65,8 @@ pub struct Member {
     pub inject: VecDeque<u8>,
     /// A fault that was raised while the instance was initialised or recovered; answered before it runs on.
     pub early: Option<Fault>,
+    /// What a successor goes on from.
+    pub checkpoint: Option<Checkpoint>,
     /// A recovery that waits for its next try.
     pub breath: Option<Box<Breath>>,
 }
@@ -207,7 +210,20 @@ impl Member {
     fn completed(&mut self, took_ns: u64, crew: &mut Crew) {
         Status::count(&self.slot.status.cycles);
         self.slot.status.longest_ns.fetch_max(took_ns, Ordering::Relaxed);
-        self.answer_side_report(crew);
+        match callback::side_report() {
+            Some(fault) => self.handle(&fault, crew),
+            None => self.back_up(crew),
+        }
+    }
+
+    /// A checkpoint, where one is due: of an instance that works.
+    fn back_up(&mut self, crew: &mut Crew) {
+        let (Some(checkpoint), Some(unit)) = (&mut self.checkpoint, &mut self.unit) else { return };
+        if checkpoint.is_due()
+            && let Err(fault) = crew.back_up(&self.slot, unit, checkpoint)
+        {
+            self.handle(&fault, crew);
+        }
     }
 
     /// `update`, at the end of a cycle.

@@ -105,6 +105,10 @@ pub const SHUTDOWN_STEP: Duration = Duration::from_millis(500);
 pub const BOOT_STEP: Duration = Duration::from_secs(10);
 /// Recoveries tried for one fault before the slot is stopped.
 pub const RECOVERY_STEPS_MAX: usize = 2 * SECONDARIES;
+/// Largest checkpoint of one slot, in bytes.
+pub const CHECKPOINT_BYTES: usize = 16 << 20;
+/// Regions that a component may register in one callback.
+pub const REGIONS_PER_CALLBACK: usize = 16;
 /// Failed tries of one recovery after which the next one follows at once.
 pub const BREATHLESS_FAILURES: usize = 1;
 /// Pause after the failed tries beyond them; doubled each time.

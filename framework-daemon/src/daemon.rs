@@ -22,7 +22,7 @@ use crate::supervise::reload::reload;
 use crate::supervise::shutdown::shutdown;
 use crate::supervise::system::System;
 use crate::sys::signals::{self, Request};
-use crate::sys::{log_ring, trap};
+use crate::sys::{log_ring, memory, trap};
 
 /// What `run` is told.
 #[derive(Clone, Debug)]
@@ -75,6 +75,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<(), RunError> {
     check_injections(&settings.injections, &loaded.plan)?;
     let requests = signals::listen()?;
     log_ring::start()?;
+    memory::lock_all().unwrap_or_else(|reason| tracing::warn!("{reason}"));
     trap::install();
     let journal = Journal::open(&settings.journal);
     let journal =

@@ -183,3 +183,15 @@ fn a_reload_while_a_spare_is_being_made_ends_what_was_made() {
     ended.sort_unstable();
     assert_eq!(ready, ended);
 }
+
+#[test]
+fn memory_is_locked_where_permitted_and_the_log_names_the_way_out_where_not() {
+    let mut daemon = Running::start(heirs(&[], "").path(), &[]);
+    let status = std::fs::read_to_string(format!("/proc/{}/status", daemon.id())).unwrap();
+    let field = |name: &str| status.lines().find_map(|line| line.strip_prefix(name)).unwrap_or_default().to_owned();
+    let locked: u64 = field("VmLck:").trim_end_matches("kB").trim().parse().unwrap();
+    let permitted = u64::from_str_radix(field("CapEff:").trim(), 16).unwrap() & (1 << 14) != 0;
+    daemon.stop();
+    let warned = daemon.lines("memory is not locked").len();
+    assert!(if permitted { locked > 0 && warned == 0 } else { warned <= 1 }, "{locked} kB locked, {warned} warnings");
+}

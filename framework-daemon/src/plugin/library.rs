@@ -20,6 +20,7 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 use super::compat::{self, HeaderView};
 use super::image::{self, Image};
 use crate::model::limits::PLUGIN_FILE_BYTES;
+use crate::sys::memory;
 
 /// A loaded plugin.
 pub struct Plugin {
@@ -81,6 +82,7 @@ impl Plugin {
         let image = image::read(&bytes)?;
         let library = open_copy(file, &bytes)?;
         let (header, raw) = read_header(&library, &image.symbol)?;
+        memory::read_in(std::ptr::from_ref(raw).expose_provenance());
         let module = root_module(raw)?;
         (module.install())(host);
         let classes = (module.classes())().as_slice();

@@ -13,6 +13,7 @@ use corosensei::stack::{DefaultStack, Stack};
 use corosensei::{Coroutine, CoroutineResult};
 
 use super::trap::{self, Armed};
+use crate::model::limits::TOUCHED_STACK_BYTES;
 
 /// A closure on its way to the fiber: one thin pointer to the borrow that [`Fiber::run`] holds. Wider values on this way
 /// are written as halves and read as a whole, which stalls the processor for longer than the switch itself takes.
@@ -125,6 +126,11 @@ impl Drop for Fiber {
     }
 }
 
+/// Touches as much of a stack as a first callback may need, so that it need not wait for pages.
+fn touch_stack() {
+    std::hint::black_box(&std::mem::MaybeUninit::<[u8; TOUCHED_STACK_BYTES]>::uninit());
+}
+
 /// Fibers for one thread, by size of stack.
 #[derive(Default)]
 pub struct FiberPool {
@@ -156,8 +162,7 @@ impl FiberPool {
         self.spent.reserve(crate::model::limits::IDLE_FIBERS);
         while self.shelf(stack_bytes).len() < count {
             let mut fiber = Fiber::new(stack_bytes)?;
-            // Touches the stack's first page.
-            fiber.run(&mut || {});
+            fiber.run(&mut touch_stack);
             self.put(stack_bytes, fiber);
         }
         Ok(())

@@ -9,6 +9,9 @@ pub mod fiber;
 /// Log records of components, written by an ordinary thread.
 pub mod log_ring;
 
+/// Pages that stay in memory.
+pub mod memory;
+
 /// The end of the process, as plugins see it.
 pub mod shield;
 

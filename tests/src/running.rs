@@ -126,6 +126,12 @@ impl Running {
         }
     }
 
+    /// Its process.
+    #[must_use]
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Sends a signal: `HUP`, `TERM`, `INT`.
     ///
     /// # Panics

@@ -3,6 +3,9 @@
 /// Benchmarks.
 pub mod bench;
 
+/// The torture campaign.
+pub mod campaign;
+
 /// Where the daemon's binary is.
 pub mod daemon_binary;
 

@@ -162,6 +162,31 @@ impl Running {
         stops[0]["slots"].as_array().cloned().unwrap_or_default()
     }
 
+    /// Ends it in order, like [`Self::stop`].
+    ///
+    /// # Errors
+    /// In words, when it had ended before or does not end well.
+    ///
+    /// # Panics
+    /// When it cannot be asked.
+    pub fn end(&mut self) -> Result<Vec<Value>, String> {
+        if !self.is_alive() {
+            return Err(format!("the daemon died: {}", self.wait()));
+        }
+        self.signal("TERM");
+        let began = Instant::now();
+        while self.is_alive() {
+            if began.elapsed() > PATIENCE {
+                return Err("the daemon does not end".to_owned());
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+        let status = self.wait();
+        let stops = self.entries("stop");
+        let slots = stops.first().and_then(|stop| stop["slots"].as_array().cloned());
+        slots.filter(|_| status.success()).ok_or_else(|| format!("the daemon did not end well: {status}"))
+    }
+
     /// True while it runs.
     ///
     /// # Panics

@@ -17,3 +17,6 @@ pub mod profiles;
 
 /// A daemon that runs.
 pub mod running;
+
+/// A long life under fault load.
+pub mod soak;

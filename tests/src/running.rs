@@ -32,7 +32,20 @@ impl Running {
     /// When it does not get ready.
     #[must_use]
     pub fn start(directory: &Path, arguments: &[&str]) -> Self {
-        let mut running = Self::spawn(directory, arguments);
+        Self::spawn(directory, arguments).until_ready()
+    }
+
+    /// As [`Self::start`], without a log: for runs that would fill it.
+    ///
+    /// # Panics
+    /// When it does not get ready.
+    #[must_use]
+    pub fn start_silent(directory: &Path) -> Self {
+        Self::spawn_with(directory, &[], "off").until_ready()
+    }
+
+    fn until_ready(self) -> Self {
+        let mut running = self;
         while !running.log().contains("ready: ") {
             assert!(running.is_alive(), "it ended before it was ready; the log:\n{}", running.log());
             thread::sleep(Duration::from_millis(5));
@@ -46,6 +59,10 @@ impl Running {
     /// When the binary cannot be started.
     #[must_use]
     pub fn spawn(directory: &Path, arguments: &[&str]) -> Self {
+        Self::spawn_with(directory, arguments, "info")
+    }
+
+    fn spawn_with(directory: &Path, arguments: &[&str], log: &str) -> Self {
         let scratch = TempDir::new().expect("a temporary directory");
         let journal = scratch.path().join("journal.jsonl");
         let mut child = Command::new(daemon_binary())
@@ -54,6 +71,7 @@ impl Running {
             .args(["--plugins".as_ref(), plugin_dir().as_os_str()])
             .args(["--journal".as_ref(), journal.as_os_str()])
             .args(arguments)
+            .env("RUST_LOG", log)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -63,6 +81,18 @@ impl Running {
         collect(child.stdout.take().expect("stdout is piped"), &log);
         collect(child.stderr.take().expect("stderr is piped"), &log);
         Self { child, log, journal, _scratch: scratch }
+    }
+
+    /// Its process number.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Where its journal is.
+    #[must_use]
+    pub fn journal_file(&self) -> &Path {
+        &self.journal
     }
 
     /// All that it printed so far, stdout and stderr.

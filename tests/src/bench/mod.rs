@@ -7,5 +7,17 @@ pub mod recovery;
 /// What a guarded call costs.
 pub mod guard;
 
+/// A supervisor of another school, beside ours.
+pub mod erlang;
+
+/// What the system can do at best.
+pub mod limits;
+
+/// A thread that measures limits.
+pub mod yardstick;
+
 /// Percentiles and the printed form.
 pub mod stats;
+
+/// Ratios and targets, for people.
+pub mod report;

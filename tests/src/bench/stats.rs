@@ -27,14 +27,31 @@ impl Samples {
     }
 }
 
-/// One line: the benchmark's own fields, and those of its raw limit under `limit`.
-#[must_use]
-pub fn line(bench: &str, payload: &str, load: &str, sched: &str, own: &mut Samples, limit: &mut Samples) -> String {
-    let mut object = own.fields();
-    object["bench"] = bench.into();
-    object["payload"] = payload.into();
-    object["load"] = load.into();
-    object["sched"] = sched.into();
-    object["limit"] = limit.fields();
-    object.to_string()
+/// What was measured, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting<'a> {
+    /// Name of the benchmark.
+    pub bench: &'a str,
+    /// What it was about.
+    pub payload: &'a str,
+    /// `idle`, `cpu100`.
+    pub load: &'a str,
+    /// `other`, `fifo`.
+    pub sched: &'a str,
+}
+
+impl Setting<'_> {
+    /// The benchmark's own fields, and those of its raw limit under `limit`, where it has one.
+    #[must_use]
+    pub fn line(&self, own: &mut Samples, limit: Option<&mut Samples>) -> Value {
+        let mut object = own.fields();
+        object["bench"] = self.bench.into();
+        object["payload"] = self.payload.into();
+        object["load"] = self.load.into();
+        object["sched"] = self.sched.into();
+        if let Some(limit) = limit {
+            object["limit"] = limit.fields();
+        }
+        object
+    }
 }

@@ -9,6 +9,7 @@ use crate::sys::trap::Trap;
 #[must_use]
 pub const fn of_trap(trap: &Trap) -> Symptom {
     match trap.evidence.signal {
+        _ if trap.hang => Symptom::Hang,
         _ if trap.exited => Symptom::CrashExit,
         libc::SIGSEGV if trap.stack_overflow => Symptom::CrashStack,
         libc::SIGBUS => Symptom::CrashBus,
@@ -33,13 +34,17 @@ pub const fn of_status(status: CallStatus) -> Option<Symptom> {
 mod tests {
     use super::*;
     use crate::model::fault::TrapEvidence;
+    use crate::sys::trap::Site;
 
     #[test]
     fn each_signal_has_its_symptom() {
         let trap = |signal, stack_overflow| Trap {
             evidence: TrapEvidence { signal, address: 0, pc: 0, sp: 0 },
+            site: Site::Plugin,
             stack_overflow,
             exited: signal == 0,
+            hang: false,
+            thread_lost: false,
             at_ns: 0,
         };
         let seen =
@@ -48,5 +53,6 @@ mod tests {
         assert_eq!(seen, [CrashSegv, CrashBus, CrashFpe, CrashIll, CrashAbort]);
         assert_eq!(of_trap(&trap(libc::SIGSEGV, true)), CrashStack);
         assert_eq!(of_trap(&trap(0, false)), Symptom::CrashExit);
+        assert_eq!(of_trap(&Trap { hang: true, ..trap(libc::SIGSEGV, false) }), Symptom::Hang);
     }
 }

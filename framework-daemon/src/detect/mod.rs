@@ -3,5 +3,8 @@
 /// How a callback ended, as a symptom.
 pub mod crash;
 
+/// A callback that returned late.
+pub mod deadline;
+
 /// A value outside its range, and for how long.
 pub mod range;

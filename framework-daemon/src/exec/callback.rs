@@ -10,8 +10,8 @@ use crate::model::symptom::Symptom;
 use crate::plugin::host;
 use crate::port::check;
 use crate::sys::clock;
-use crate::sys::fiber::{Ended, FiberPool};
-use crate::sys::trap;
+use crate::sys::fiber::FiberPool;
+use crate::sys::trap::Trap;
 
 /// What a callback is entered with.
 #[derive(Clone, Copy)]
@@ -38,9 +38,12 @@ impl Call<'_> {
 /// The fault that ended it.
 pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
     let args = CallArgs { hook: call.hook, inject: call.inject, now_ns: clock::now_ns(), fault: call.fault };
+    let deadline_ns = args.now_ns.saturating_add(unit.limits.of(call.hook));
     let instance = &mut unit.instance;
     let mut status = CallStatus::Done;
-    if let Err(fault) = guarded(fibers, slot, unit.stack_bytes, &mut || status = instance.enter(&args)) {
+    if let Err(fault) =
+        guarded(fibers, slot, unit.limits.stack_bytes, deadline_ns, &mut || status = instance.enter(&args))
+    {
         unit.spent = true;
         return Err(fault);
     }
@@ -53,7 +56,9 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
 /// The fault that ended it; for a property that does not fit, with its text.
 pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Result<Unit, Fault> {
     let mut built = None;
-    let ended = guarded(fibers, slot, parts.stack_bytes(), &mut || built = Some(parts.build()));
+    let limits = parts.limits();
+    let deadline_ns = clock::now_ns() + limits.of(Hook::Initialize);
+    let ended = guarded(fibers, slot, limits.stack_bytes, deadline_ns, &mut || built = Some(parts.build()));
     match (ended, built) {
         (Ok(()), Some(Ok(instance))) => Ok(parts.finish(instance)),
         (Ok(()), Some(Err((status, text)))) => Err(told(crash::of_status(status).unwrap_or(Symptom::Error), &text)),
@@ -68,8 +73,10 @@ pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Resul
 /// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop; false then.
 pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bool {
     unit.close();
-    let instance = &mut unit.instance;
-    unit.spent = unit.spent || guarded(fibers, slot, unit.stack_bytes, &mut || _ = instance.destroy()).is_err();
+    let (instance, limits) = (&mut unit.instance, unit.limits);
+    let mut drop = || _ = instance.destroy();
+    let deadline_ns = clock::now_ns() + limits.of(Hook::Destroy);
+    unit.spent = unit.spent || guarded(fibers, slot, limits.stack_bytes, deadline_ns, &mut drop).is_err();
     // A panic in a drop is over when the shim returns; the object is gone.
     let _ = forget_notes();
     let dropped = !unit.spent;
@@ -87,33 +94,34 @@ pub fn side_report() -> Option<Fault> {
     let (symptom, evidence) =
         raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
     let now = clock::now_ns();
-    Some(Fault { symptom, at_ns: now, detected_ns: now, injected: false, evidence })
+    Some(Fault { symptom, at_ns: now, detected_ns: now, injected: false, thread_lost: false, evidence })
 }
 
 fn guarded(
     fibers: &mut FiberPool,
     slot: &'static str,
     stack_bytes: usize,
+    deadline_ns: u64,
     closure: &mut dyn FnMut(),
 ) -> Result<(), Fault> {
     host::enter_slot(slot);
     let _ = check::take_report();
-    match fibers.run(stack_bytes, closure) {
-        Ok(Ended::Returned) => Ok(()),
-        Ok(Ended::Trapped) => Err(trapped()),
+    match fibers.run(stack_bytes, deadline_ns, closure) {
+        Ok(None) => Ok(()),
+        Ok(Some(trap)) => Err(trapped(&trap)),
         Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
     }
 }
 
-fn trapped() -> Fault {
-    let Some(trap) = trap::take() else { return told(Symptom::CrashSegv, "a trap that left no trace") };
+fn trapped(trap: &Trap) -> Fault {
     // Whatever the callback had told before it trapped is not the reason.
     let injected = forget_notes();
     Fault {
-        symptom: crash::of_trap(&trap),
+        symptom: crash::of_trap(trap),
         at_ns: injected.unwrap_or(trap.at_ns),
         detected_ns: clock::now_ns(),
         injected: injected.is_some(),
+        thread_lost: trap.thread_lost,
         evidence: Evidence::Trap(trap.evidence),
     }
 }
@@ -128,7 +136,14 @@ pub(super) fn told(symptom: Symptom, text: &str) -> Fault {
         _ => Evidence::Text { message: host::take_error().unwrap_or_else(|| ShortText::new(text)) },
     };
     let injected = forget_notes();
-    Fault { symptom, at_ns: injected.unwrap_or(detected_ns), detected_ns, injected: injected.is_some(), evidence }
+    Fault {
+        symptom,
+        at_ns: injected.unwrap_or(detected_ns),
+        detected_ns,
+        injected: injected.is_some(),
+        thread_lost: false,
+        evidence,
+    }
 }
 
 fn forget_notes() -> Option<u64> {

@@ -17,7 +17,7 @@ use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
 use crate::profile::plan::Trigger;
 use crate::sys::fiber::FiberPool;
-use crate::sys::{clock, thread};
+use crate::sys::{arch, carrier, clock, watchdog};
 
 /// What an executor may be told. Each is answered when it is done.
 enum Command {
@@ -59,7 +59,7 @@ impl Executor {
         let kept = schedule.clone();
         let refused = move |reason: &str| tracing::warn!("executor {title}: {reason}");
         let body = move || Run::new(own, inbox, faults).until_quit();
-        let thread = thread::spawn_guarded(name, schedule, refused, body)?;
+        let thread = carrier::spawn(name, schedule, refused, body)?;
         Ok(Self {
             name: name.to_owned(),
             bell,
@@ -178,8 +178,9 @@ impl Run {
     }
 
     fn until_quit(mut self) {
-        self.bell.adopt();
         loop {
+            // The thread may be another one than before.
+            self.bell.adopt();
             while let Ok(command) = self.inbox.try_recv() {
                 if !self.obey(command) {
                     return;
@@ -224,16 +225,17 @@ impl Run {
         true
     }
 
-    /// Stays for ever, doing nothing and holding nothing that others wait for.
+    /// Ends the thread as it stands, without its destructors; what it holds that others wait for is let go first.
     fn retire(&mut self) -> ! {
         self.crew.faults = crossbeam_channel::bounded(1).0;
         self.bell.retire();
-        loop {
-            self.bell.wait_until(None);
-        }
+        arch::end_thread()
     }
 
     fn install(&mut self, mut member: Box<Member>) -> Result<usize, String> {
+        let recipes = std::iter::once(&member.recipe).chain(member.standbys.iter().map(|standby| &standby.recipe));
+        recipes.for_each(|recipe| self.crew.fibers.pulse().shorten(recipe.limits.hang_ns));
+        watchdog::look_again();
         if let Err(reason) = member.install(&mut self.crew) {
             member.destroy(&mut self.crew);
             return Err(reason);

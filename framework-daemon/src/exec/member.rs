@@ -226,6 +226,11 @@ impl Member {
         Status::count(&self.slot.status.cycles);
         self.slot.status.longest_ns.fetch_max(took_ns, Ordering::Relaxed);
         self.answer_side_report(crew);
+        if let Some(fault) = self.recipe.limits.late(took_ns)
+            && self.state() == State::Active
+        {
+            self.handle(fault, crew);
+        }
     }
 
     /// `update`, at the end of a cycle.
@@ -285,7 +290,7 @@ impl Member {
         let sizes = std::iter::once(&self.recipe).chain(self.standbys.iter().map(|standby| &standby.recipe));
         for recipe in sizes {
             // Out of address space: the next callback says so.
-            let _ = crew.fibers.prepare(recipe.stack_bytes, READY_FIBERS);
+            let _ = crew.fibers.prepare(recipe.limits.stack_bytes, READY_FIBERS);
         }
     }
 }

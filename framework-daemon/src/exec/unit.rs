@@ -1,15 +1,22 @@
 //! An instance with its bindings, and the recipe for another one.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use abi_stable::std_types::RStr;
-use component_sdk::abi::class::{CallStatus, ClassDecl, Direction};
+use component_sdk::abi::class::{CallStatus, ClassDecl, Direction, Hook};
 use component_sdk::abi::payload::PortHandle;
 
 use super::slot::Slot;
+use crate::detect::deadline;
+use crate::model::fault::{Evidence, Fault};
+use crate::model::limits::{HANG, HANG_AT_START, HANG_AT_STOP, STACK_BYTES};
+use crate::model::symptom::Symptom;
 use crate::plugin::Class;
 use crate::plugin::instance::Instance;
 use crate::port::border::Binding;
+use crate::profile::plan::Execution;
+use crate::sys::clock;
 
 /// Finds and loads a class when it is needed: `preload="none"`.
 pub type Loader = Arc<dyn Fn() -> Result<Class, String> + Send + Sync>;
@@ -30,8 +37,60 @@ pub struct Recipe {
     pub source: Source,
     /// Property texts by name; the class's defaults hold for the others.
     pub properties: Vec<(String, String)>,
-    /// Stack of its fibers in bytes.
+    /// What its callbacks may take.
+    pub limits: Limits,
+}
+
+/// What callbacks may take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Stack of a fiber in bytes.
     pub stack_bytes: usize,
+    /// Budget of `on_execute` in nanoseconds; beyond it an overrun.
+    pub budget_ns: Option<u64>,
+    /// Time in which a callback in operation must return, in nanoseconds; beyond it a hang.
+    pub hang_ns: u64,
+}
+
+impl Limits {
+    /// What a component profile says, with the defaults for what it does not say.
+    #[must_use]
+    pub fn new(execution: &Execution) -> Self {
+        let nanoseconds = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        Self {
+            stack_bytes: execution.stack.unwrap_or(STACK_BYTES),
+            budget_ns: execution.deadline.map(|deadline| nanoseconds(deadline.budget)),
+            hang_ns: nanoseconds(execution.deadline.map_or(HANG, |deadline| deadline.hang)),
+        }
+    }
+
+    /// The fault of an `on_execute` that returned after `took_ns`, if that was too late.
+    #[must_use]
+    pub fn late(&self, took_ns: u64) -> Option<Fault> {
+        let budget_ns = self.budget_ns.filter(|budget_ns| deadline::is_overrun(took_ns, *budget_ns))?;
+        let now = clock::now_ns();
+        let evidence = Evidence::Time { took_ns, budget_ns };
+        // It happened when the budget was over.
+        let at_ns = now - (took_ns - budget_ns);
+        Some(Fault {
+            symptom: Symptom::Overrun,
+            at_ns,
+            detected_ns: now,
+            injected: false,
+            thread_lost: false,
+            evidence,
+        })
+    }
+
+    /// Time in which that callback must return, in nanoseconds.
+    #[must_use]
+    pub const fn of(&self, hook: Hook) -> u64 {
+        match hook {
+            Hook::Initialize | Hook::Start => HANG_AT_START.as_nanos() as u64,
+            Hook::Stop | Hook::Destroy => HANG_AT_STOP.as_nanos() as u64,
+            Hook::Execute | Hook::Update | Hook::Event | Hook::Error | Hook::Reset | Hook::Recover => self.hang_ns,
+        }
+    }
 }
 
 /// An instance in a slot.
@@ -40,8 +99,8 @@ pub struct Unit {
     pub instance: Instance,
     /// Its class's name.
     pub class: &'static str,
-    /// Stack of its fibers in bytes.
-    pub stack_bytes: usize,
+    /// What its callbacks may take.
+    pub limits: Limits,
     /// It trapped: it may never be entered or dropped again.
     pub spent: bool,
     /// Its `start` went well.
@@ -55,7 +114,7 @@ pub struct Parts {
     bindings: Vec<Arc<Binding>>,
     handles: Vec<PortHandle>,
     properties: Vec<String>,
-    stack_bytes: usize,
+    limits: Limits,
 }
 
 impl Recipe {
@@ -80,7 +139,7 @@ impl Recipe {
         let bindings = bind(decl, slot)?;
         let handles = bindings.iter().map(Binding::handle).collect();
         let properties = decl.properties.iter().map(|property| self.property(property)).collect();
-        Ok(Parts { class, bindings, handles, properties, stack_bytes: self.stack_bytes })
+        Ok(Parts { class, bindings, handles, properties, limits: self.limits })
     }
 
     fn property(&self, decl: &component_sdk::abi::class::PropertyDecl) -> String {
@@ -115,17 +174,17 @@ impl Parts {
         Unit {
             instance,
             class: self.class.name(),
-            stack_bytes: self.stack_bytes,
+            limits: self.limits,
             spent: false,
             started: false,
             bindings: self.bindings,
         }
     }
 
-    /// Stack of its fibers in bytes.
+    /// What its callbacks may take.
     #[must_use]
-    pub const fn stack_bytes(&self) -> usize {
-        self.stack_bytes
+    pub const fn limits(&self) -> Limits {
+        self.limits
     }
 
     /// The class's name.

@@ -64,6 +64,7 @@ impl Journal {
         line.insert("class".into(), event.class.into());
         line.insert("symptom".into(), event.fault.symptom.name().into());
         line.insert("injected".into(), event.fault.injected.into());
+        line.insert("thread_lost".into(), event.fault.thread_lost.into());
         line.insert("evidence".into(), to_value(&event.fault.evidence)?);
         line.insert("diagnosis".into(), to_value(&Diagnosis { faulty: event.slot, severity: event.severity })?);
         line.insert("action".into(), to_value(&event.answer)?);

@@ -66,6 +66,8 @@ pub struct Fault {
     pub detected_ns: u64,
     /// It was provoked by a drill.
     pub injected: bool,
+    /// The callback's thread was given up; another one runs the executor now.
+    pub thread_lost: bool,
     /// What it rests on.
     pub evidence: Evidence,
 }
@@ -89,6 +91,13 @@ pub enum Evidence {
     Text {
         /// The text.
         message: ShortText,
+    },
+    /// A callback that took longer than it may.
+    Time {
+        /// What it took, in nanoseconds.
+        took_ns: u64,
+        /// Its budget, in nanoseconds.
+        budget_ns: u64,
     },
     /// A value outside its range.
     Value {
@@ -124,6 +133,7 @@ impl Evidence {
             Self::Trap(trap) => ShortText::new(trap.signal_name()),
             Self::Panic { message, .. } | Self::Text { message } => *message,
             Self::Value { field, .. } => *field,
+            Self::Time { .. } => ShortText::new("it returned late"),
         }
     }
 }
@@ -138,7 +148,8 @@ impl TrapEvidence {
             libc::SIGFPE => "SIGFPE",
             libc::SIGILL => "SIGILL",
             libc::SIGABRT => "SIGABRT",
-            _ => "signal",
+            libc::SIGSYS => "SIGSYS",
+            _ => "it does not return",
         }
     }
 }

@@ -20,6 +20,7 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 use super::compat::{self, HeaderView};
 use super::image::{self, Image};
 use crate::model::limits::PLUGIN_FILE_BYTES;
+use crate::sys::text;
 
 /// A loaded plugin.
 pub struct Plugin {
@@ -130,7 +131,8 @@ impl Class {
 /// names, and the name of a copy is its descriptor's number.
 fn open_copy(file: &Path, bytes: &[u8]) -> Result<ManuallyDrop<Library>, String> {
     let descriptor = copy_in_memory(file, bytes).map_err(|error| format!("no memory for its private copy: {error}"))?;
-    let path = format!("/proc/self/fd/{}", descriptor.as_raw_fd());
+    let path = format!("{}{}", text::COPIES, descriptor.as_raw_fd());
+    text::install();
     // SAFETY: loading runs the library's constructors: they are trusted as far as its image was checked here and another
     // process survived them (`probe`).
     let library = unsafe { Library::open(Some(&path), RTLD_NOW | RTLD_LOCAL) };
@@ -140,6 +142,7 @@ fn open_copy(file: &Path, bytes: &[u8]) -> Result<ManuallyDrop<Library>, String>
     })?;
     #[allow(clippy::mem_forget, reason = "the descriptor's number is the name of a library that is never closed")]
     std::mem::forget(descriptor);
+    text::learn(&path, file);
     Ok(ManuallyDrop::new(library))
 }
 

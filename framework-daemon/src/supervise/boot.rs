@@ -13,10 +13,10 @@ use crate::exec::executor::Executor;
 use crate::exec::member::{Member, Standby};
 use crate::exec::slot::{Slot, Status};
 use crate::exec::trigger::{Bell, Doorbell, Signal};
-use crate::exec::unit::{Recipe, Source};
+use crate::exec::unit::{Limits, Recipe, Source};
 use crate::model::fault::FaultSender;
 use crate::model::ladder::Ladder;
-use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP, STACK_BYTES};
+use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP};
 use crate::model::names;
 use crate::model::schedule::Schedule;
 use crate::profile::plan::{ConnectionPlan, Plan, SlotPlan, Trigger};
@@ -96,14 +96,14 @@ fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>) -> Member {
         slot.inputs.iter().for_each(|port| port.listen(Box::new(Doorbell(Arc::clone(&signal)))));
     }
     let properties = texts(&plan.properties);
-    let stack_bytes = execution.stack.unwrap_or(STACK_BYTES);
+    let limits = Limits::new(execution);
     let intensity = plan.rules.reset.map(|intensity| (intensity.limit, intensity.within));
     Member {
         slot,
         trigger: execution.trigger,
         autostart: execution.autostart,
         signal,
-        recipe: Recipe { source: Source::Loaded(class), properties, stack_bytes },
+        recipe: Recipe { source: Source::Loaded(class), properties, limits },
         ladder: Ladder::new(plan.rules.severity.clone(), intensity, standbys.len()),
         standbys: standbys.into_iter().map(|(recipe, preload)| Standby { recipe, preload, unit: None }).collect(),
         unit: None,

@@ -8,11 +8,17 @@
 use std::cell::{Cell, OnceCell};
 use std::mem::ManuallyDrop;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use corosensei::stack::{DefaultStack, Stack};
 use corosensei::{Coroutine, CoroutineResult};
 
-use super::trap::{self, Armed};
+use super::carrier::{self, Lease};
+use super::pulse::Pulse;
+use super::trap::{Armed, Trap};
+
+/// A deadline that is never over.
+pub const NEVER: u64 = u64::MAX;
 
 /// A closure on its way to the fiber: one thin pointer to the borrow that [`Fiber::run`] holds. Wider values on this way
 /// are written as halves and read as a whole, which stalls the processor for longer than the switch itself takes.
@@ -38,16 +44,25 @@ pub struct Fiber {
 pub enum Ended {
     /// It returned.
     Returned,
-    /// A trap ended it, and the fiber with it; [`trap::take`] tells which.
+    /// A trap ended it, and the fiber with it; [`Fiber::take_trap`] tells which. The thread may be another one than
+    /// before.
     Trapped,
 }
 
 impl Fiber {
-    /// A fiber with a stack of about `stack_bytes` and a guard page below.
+    /// A fiber with a stack of about `stack_bytes` and a guard page below, of no executor in particular.
     ///
     /// # Errors
     /// When the system has no address space left.
     pub fn new(stack_bytes: usize) -> std::io::Result<Self> {
+        Self::leased(stack_bytes, &Lease::default())
+    }
+
+    /// A fiber of the executor with this lease.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn leased(stack_bytes: usize, lease: &Lease) -> std::io::Result<Self> {
         let stack = DefaultStack::new(stack_bytes)?;
         let (low, high) = (stack.limit().get(), stack.base().get());
         let core = Rc::new(Core { armed: OnceCell::new(), job: Cell::new(std::ptr::null_mut()) });
@@ -63,25 +78,30 @@ impl Fiber {
                 yielder.suspend(());
             }
         });
-        core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low));
+        let pulse = Arc::clone(&lease.pulse);
+        core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low, pulse, lease.relay));
         Ok(Self { coroutine: ManuallyDrop::new(coroutine), core, low, high, usable: true })
     }
 
-    /// Runs `closure` on the fiber until it returns or traps.
+    /// Runs `closure` on the fiber until it returns or traps, or is ended because `deadline_ns` (on the monotonic clock) is
+    /// over and somebody watches.
     ///
-    /// What the closure owns is leaked by a trap: give it borrows of plain data only.
+    /// What the closure owns is leaked by a trap: give it borrows of plain data only. Never inlined: the caller may be on
+    /// another thread afterwards, and must not have kept the address of a thread-local.
     ///
     /// # Panics
     /// After a trap: the fiber is spent.
-    pub fn run(&mut self, closure: &mut dyn FnMut()) -> Ended {
+    #[inline(never)]
+    pub fn run(&mut self, deadline_ns: u64, closure: &mut dyn FnMut()) -> Ended {
         assert!(self.usable, "a fiber that trapped is never resumed");
         // SAFETY: only the lifetime changes; the closure is borrowed until `resume` returns, and the fiber never
         // touches it later: it asks for the next job, or it is spent.
         let mut borrow = unsafe { std::mem::transmute::<&mut dyn FnMut(), &'static mut dyn FnMut()>(closure) };
         self.core.job.set(&raw mut borrow);
-        self.core.armed.get().inspect(|armed| trap::arm(armed));
+        let armed = self.core.armed.get();
+        armed.inspect(|armed| armed.arm(deadline_ns));
         let result = self.coroutine.resume(());
-        trap::disarm();
+        armed.inspect(|armed| armed.disarm());
         match result {
             CoroutineResult::Yield(()) => Ended::Returned,
             CoroutineResult::Return(()) => {
@@ -89,6 +109,12 @@ impl Fiber {
                 Ended::Trapped
             }
         }
+    }
+
+    /// The trap that ended it.
+    #[must_use]
+    pub fn take_trap(&mut self) -> Option<Trap> {
+        self.core.armed.get().and_then(Armed::take_trap)
     }
 
     /// False after a trap.
@@ -125,27 +151,46 @@ impl Drop for Fiber {
     }
 }
 
-/// Fibers for one thread, by size of stack.
-#[derive(Default)]
+/// Fibers for one executor, by size of stack.
 pub struct FiberPool {
     idle: Vec<(usize, Vec<Fiber>)>,
     spent: Vec<Fiber>,
+    lease: Lease,
+}
+
+impl Default for FiberPool {
+    /// For the executor whose thread calls it.
+    fn default() -> Self {
+        Self { idle: Vec::new(), spent: Vec::new(), lease: carrier::lease() }
+    }
 }
 
 impl FiberPool {
-    /// Runs `closure` on a fiber with a stack of that size.
+    /// Runs `closure` on a fiber with a stack of that size; it must return until `deadline_ns`. The trap that ended it, if
+    /// one did.
     ///
     /// # Errors
     /// When a new fiber is needed and the system has no address space left.
-    pub fn run(&mut self, stack_bytes: usize, closure: &mut dyn FnMut()) -> std::io::Result<Ended> {
+    pub fn run(
+        &mut self,
+        stack_bytes: usize,
+        deadline_ns: u64,
+        closure: &mut dyn FnMut(),
+    ) -> std::io::Result<Option<Trap>> {
         let mut fiber = self.take(stack_bytes)?;
-        let ended = fiber.run(closure);
-        if fiber.is_usable() {
+        if fiber.run(deadline_ns, closure) == Ended::Returned {
             self.put(stack_bytes, fiber);
-        } else {
-            self.spent.push(fiber);
+            return Ok(None);
         }
-        Ok(ended)
+        let trap = fiber.take_trap();
+        self.spent.push(fiber);
+        Ok(trap)
+    }
+
+    /// What the watchdog reads of this executor.
+    #[must_use]
+    pub const fn pulse(&self) -> &Arc<Pulse> {
+        &self.lease.pulse
     }
 
     /// Makes sure that a fiber of that size is there, so that a recovery need not map a stack.
@@ -154,16 +199,19 @@ impl FiberPool {
     /// When the system has no address space left.
     pub fn prepare(&mut self, stack_bytes: usize, count: usize) -> std::io::Result<()> {
         while self.shelf(stack_bytes).len() < count {
-            let mut fiber = Fiber::new(stack_bytes)?;
+            let mut fiber = Fiber::leased(stack_bytes, &self.lease)?;
             // Touches the stack's first page.
-            fiber.run(&mut || {});
+            fiber.run(NEVER, &mut || {});
             self.put(stack_bytes, fiber);
         }
         Ok(())
     }
 
     fn take(&mut self, stack_bytes: usize) -> std::io::Result<Fiber> {
-        self.shelf(stack_bytes).pop().map_or_else(|| Fiber::new(stack_bytes), Ok)
+        match self.shelf(stack_bytes).pop() {
+            Some(fiber) => Ok(fiber),
+            None => Fiber::leased(stack_bytes, &self.lease),
+        }
     }
 
     fn put(&mut self, stack_bytes: usize, fiber: Fiber) {
@@ -193,7 +241,7 @@ mod tests {
         let mut fiber = Fiber::new(64 << 10).unwrap();
         let mut sum = 0;
         for i in 0..100 {
-            assert!(matches!(fiber.run(&mut || sum += i), Ended::Returned));
+            assert!(matches!(fiber.run(NEVER, &mut || sum += i), Ended::Returned));
         }
         assert_eq!(sum, 4950);
     }
@@ -203,7 +251,7 @@ mod tests {
         let mut pool = FiberPool::default();
         let mut address = [0usize; 2];
         for slot in &mut address {
-            pool.run(64 << 10, &mut || {
+            pool.run(64 << 10, NEVER, &mut || {
                 let local = 0u8;
                 *slot = (&raw const local).addr();
             })

@@ -3,6 +3,7 @@
 
 use std::thread::JoinHandle;
 
+use super::heap;
 use crate::model::limits::SIGNAL_STACK_BYTES;
 use crate::model::schedule::{Policy, Schedule};
 
@@ -37,6 +38,13 @@ impl Default for SignalStack {
     }
 }
 
+/// The calling thread as the kernel knows it.
+#[must_use]
+pub fn id() -> i32 {
+    // SAFETY: the system call takes no memory.
+    unsafe { libc::gettid() }
+}
+
 /// Starts a thread that may run fibers. What the system does not permit of `schedule` is passed to `refused`, in words.
 ///
 /// # Errors
@@ -49,6 +57,7 @@ pub fn spawn_guarded(
 ) -> std::io::Result<JoinHandle<()>> {
     std::thread::Builder::new().name(name.chars().take(15).collect()).spawn(move || {
         let _stack = SignalStack::new();
+        heap::adopt_thread();
         // Without it every timed wait is up to 50 us late.
         let _ = nix::sys::prctl::set_timerslack(1);
         if let Err(reason) = apply(&schedule) {

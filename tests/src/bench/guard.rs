@@ -7,11 +7,11 @@ use std::time::Instant;
 use component_sdk::abi::class::{CallArgs, FaultArgs, Hook};
 use framework_daemon::exec::callback::{self, Call};
 use framework_daemon::exec::slot::{Slot, Status};
-use framework_daemon::exec::unit::{Recipe, Source, Unit};
+use framework_daemon::exec::unit::{Limits, Recipe, Source, Unit};
 use framework_daemon::plugin::Plugin;
 use framework_daemon::port::border::HOST;
 use framework_daemon::sys::clock;
-use framework_daemon::sys::fiber::{Fiber, FiberPool};
+use framework_daemon::sys::fiber::{Fiber, FiberPool, NEVER};
 
 use super::stats::Samples;
 use crate::profiles::plugin_dir;
@@ -33,7 +33,7 @@ pub fn fiber(samples: usize) -> (Samples, Samples) {
     let mut bare = || bare_count = black_box(bare_count + 1);
     interleaved(
         samples,
-        || _ = black_box(fiber.run(black_box(&mut closure))),
+        || _ = black_box(fiber.run(NEVER, black_box(&mut closure))),
         || {
             let call: &mut dyn FnMut() = black_box(&mut bare);
             call();
@@ -64,7 +64,8 @@ pub fn callback(samples: usize) -> (Samples, Samples) {
 fn idle_unit(fibers: &mut FiberPool) -> Unit {
     let plugin = Plugin::load(&plugin_dir().join("libbasic.so"), &HOST).expect("the plugin is built");
     let class = plugin.class("Diary").expect("the plugin has it");
-    let recipe = Recipe { source: Source::Loaded(class), properties: Vec::new(), stack_bytes: STACK };
+    let limits = Limits { stack_bytes: STACK, budget_ns: None, hang_ns: 1_000_000_000 };
+    let recipe = Recipe { source: Source::Loaded(class), properties: Vec::new(), limits };
     let slot = Slot { name: "bench", inputs: Vec::new(), outputs: Vec::new(), status: Status::new("Diary") };
     let parts = recipe.gather(&slot).expect("it has no ports");
     callback::create(fibers, "bench", parts).expect("it has no constructor of its own")

@@ -5,9 +5,14 @@ use std::path::PathBuf;
 
 use clap::Parser;
 use serde_json::Value;
-use tests::bench::recovery::{Load, Payload};
+use tests::bench::load::Load;
 use tests::bench::stats::{Samples, Setting};
-use tests::bench::{erlang, guard, recovery, report};
+use tests::bench::system::Payload;
+use tests::bench::{erlang, guard, hang, recovery, report};
+
+/// As in the daemon.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Benchmarks, each with its raw limit measured in the same run.
 #[derive(Parser)]
@@ -32,7 +37,9 @@ struct Arguments {
     from: Option<PathBuf>,
 }
 
-const NAMES: [&str; 4] = ["guard_cost", "trap_recovery", "panic_recovery", "erlang_supervisor"];
+const NAMES: [&str; 5] = ["guard_cost", "trap_recovery", "panic_recovery", "hang_recovery", "erlang_supervisor"];
+/// What takes the place of what failed.
+const PAYLOADS: [Payload; 1] = [Payload::Fresh];
 /// Threads that keep all cores busy.
 const LOADS: [(&str, usize); 2] = [("idle", 0), ("cpu100", 4)];
 const SCHEDS: [&str; 2] = ["other", "fifo"];
@@ -91,13 +98,19 @@ impl Run {
     }
 
     fn recoveries(&mut self, load: &str, sched: &str) -> io::Result<()> {
-        let kinds =
-            [("trap_recovery", "crash.segv", Payload::Fresh), ("panic_recovery", "crash.panic", Payload::Fresh)];
-        for (bench, symptom, payload) in kinds {
-            if self.is_wanted(bench) {
-                let (mut own, mut limit) = recovery::measure(symptom, payload, sched, self.arguments.faults);
-                let setting = Setting { bench, payload: payload.name(), load, sched };
-                self.tell(setting, &mut own, Some(&mut limit))?;
+        let faults = self.arguments.faults;
+        for payload in PAYLOADS {
+            for (bench, symptom) in
+                [("trap_recovery", "crash.segv"), ("panic_recovery", "crash.panic"), ("hang_recovery", "hang")]
+            {
+                if self.is_wanted(bench) {
+                    let (mut own, mut limit) = match symptom {
+                        "hang" => hang::measure(payload, sched, faults),
+                        _ => recovery::measure(symptom, payload, sched, faults),
+                    };
+                    let setting = Setting { bench, payload: payload.name(), load, sched };
+                    self.tell(setting, &mut own, Some(&mut limit))?;
+                }
             }
         }
         Ok(())

@@ -7,7 +7,7 @@ use crate::profiles::{Profiles, application, plugin_dir, slot};
 pub const OTHERS: usize = 20;
 
 /// Deadline of the classes that have one.
-const DEADLINE: &str = "<deadline>5ms</deadline></execution_semantics>";
+const DEADLINE: &str = "<deadline hang=\"5ms\">4ms</deadline></execution_semantics>";
 
 /// Whatever happens, the slot is reset; far more often than it can happen.
 const RULES: &str = "<fault_tolerance><severity>reset</severity><severity symptom=\"hang\">reset</severity>\

@@ -1,0 +1,67 @@
+//! aarch64: registers of a signal frame, and the few instructions that Rust has no words for.
+#![allow(unsafe_code, reason = "address of unsafe: registers and instructions")]
+
+use std::arch::asm;
+
+use corosensei::trap::TrapHandlerRegs;
+
+/// Program counter and stack pointer.
+#[must_use]
+pub fn position(context: &libc::ucontext_t) -> (usize, usize) {
+    (context.uc_mcontext.pc as usize, context.uc_mcontext.sp as usize)
+}
+
+/// Where a function that has no frame of its own returns to: the link register.
+///
+/// # Safety
+/// None here; it is one where the address lies on the stack.
+#[must_use]
+pub unsafe fn return_address(context: &libc::ucontext_t) -> usize {
+    context.uc_mcontext.regs[30] as usize
+}
+
+/// True where the program counter stands behind a system call: the thread waits in the kernel, or is about to leave it.
+#[must_use]
+pub fn waits(context: &libc::ucontext_t) -> bool {
+    const SVC_0: u32 = 0xd400_0001;
+    let (pc, _) = position(context);
+    // SAFETY: the word before an instruction that was being executed belongs to the same text, but for the first of a
+    // page; there the answer is no. Text is mapped readable.
+    pc % 4096 >= 4 && unsafe { ((pc - 4) as *const u32).read() } == SVC_0
+}
+
+/// Sets the registers that the trap handler names.
+pub fn redirect(context: &mut libc::ucontext_t, to: &TrapHandlerRegs) {
+    let registers = &mut context.uc_mcontext;
+    registers.pc = to.pc;
+    registers.sp = to.sp;
+    registers.regs[0] = to.x0;
+    registers.regs[1] = to.x1;
+    registers.regs[29] = to.x29;
+    registers.regs[30] = to.lr;
+}
+
+/// Goes on where the trap handler says, on another stack; whatever lies on this one is abandoned.
+///
+/// # Safety
+/// The registers must come from a fiber that nobody else runs and that waits for its end.
+pub unsafe fn continue_at(to: &TrapHandlerRegs) -> ! {
+    // SAFETY: the caller's promise; these are all the registers that the trap handler's entry needs.
+    unsafe {
+        asm!("mov sp, {sp}", "mov x29, {fp}", "mov x30, {lr}", "br {pc}",
+            sp = in(reg) to.sp, fp = in(reg) to.x29, lr = in(reg) to.lr, pc = in(reg) to.pc,
+            in("x0") to.x0, in("x1") to.x1, options(noreturn));
+    }
+}
+
+/// Ends the calling kernel thread: no destructor runs, nothing of its memory is freed.
+pub fn end_thread() -> ! {
+    // SAFETY: the system call takes no memory and does not return.
+    unsafe { asm!("svc 0", in("x8") libc::SYS_exit, in("x0") 0, options(noreturn)) }
+}
+
+/// Traps, at this very instruction.
+pub fn strike() {
+    // SAFETY: the instruction raises SIGILL, whose handler ends the fiber or the process.
+    unsafe { asm!("udf 0") }
+}

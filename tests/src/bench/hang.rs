@@ -8,7 +8,7 @@ use framework_daemon::sys::thread::spawn_guarded;
 
 use super::limits;
 use super::stats::Samples;
-use super::system::{OneSlot, PRIORITY, Payload, profiles};
+use super::system::{OneSlot, PRIORITY, Payload, Steps, profiles};
 use super::yardstick::{Yardstick, schedule};
 use crate::profiles::plugin_dir;
 
@@ -23,7 +23,7 @@ const AFTER: &str = "<properties><property name=\"after\" type=\"int\">5</proper
 /// # Panics
 /// When the system does not come up or a fault is not recovered.
 #[must_use]
-pub fn measure(payload: Payload, policy: &str, faults: usize) -> (Samples, Samples) {
+pub fn measure(payload: Payload, policy: &str, faults: usize) -> (Steps, Samples) {
     let profiles = profiles("InfiniteLoop", AFTER, payload, policy);
     profiles.describe(&plugin_dir().join("libtorture.so"));
     profiles.replace("InfiniteLoop.xml", "<period>1ms</period>", "<period>500us</period>");
@@ -33,9 +33,9 @@ pub fn measure(payload: Payload, policy: &str, faults: usize) -> (Samples, Sampl
     let watchdog = spawn_guarded("bare-watchdog", schedule("fifo", PRIORITY_MAX), |_| {}, limits::watchdog);
     let yardstick = Yardstick::start(schedule(policy, PRIORITY), || limits::hang(BUDGET));
     let system = OneSlot::boot(&profiles);
-    let (mut own, mut raw) = (Samples::default(), Samples::default());
+    let (mut own, mut raw) = (Steps::default(), Samples::default());
     for _ in 0..faults {
-        own.add(system.recovered());
+        system.recovered(&mut own);
         raw.add(yardstick.measure());
     }
     system.shutdown();

@@ -5,7 +5,7 @@ use component_sdk::abi::inject;
 
 use super::limits;
 use super::stats::Samples;
-use super::system::{OneSlot, PATIENCE, PRIORITY, Payload, profiles};
+use super::system::{OneSlot, PATIENCE, PRIORITY, Payload, Steps, profiles};
 use super::yardstick::{Yardstick, schedule};
 
 /// `faults` faults of that symptom in a slot that is reset each time; returns its recoveries and the raw limit.
@@ -13,7 +13,7 @@ use super::yardstick::{Yardstick, schedule};
 /// # Panics
 /// When the system does not come up or a fault is not recovered.
 #[must_use]
-pub fn measure(symptom: &str, payload: Payload, policy: &str, faults: usize) -> (Samples, Samples) {
+pub fn measure(symptom: &str, payload: Payload, policy: &str, faults: usize) -> (Steps, Samples) {
     let profiles = profiles("Ticker", "", payload, policy);
     profiles.replace("Ticker.xml", "<period>2ms</period>", "<period>500us</period>");
     let system = OneSlot::boot(&profiles);
@@ -21,10 +21,10 @@ pub fn measure(symptom: &str, payload: Payload, policy: &str, faults: usize) -> 
     let code = inject::code(symptom).expect("it can be provoked");
     let limit = if symptom == "crash.panic" { limits::panic } else { limits::trap };
     let yardstick = Yardstick::start(schedule(policy, PRIORITY), limit);
-    let (mut own, mut raw) = (Samples::default(), Samples::default());
+    let (mut own, mut raw) = (Steps::default(), Samples::default());
     for _ in 0..faults {
         assert_eq!(subject.executor.inject(subject.member, code, PATIENCE), Ok(true));
-        own.add(system.recovered());
+        system.recovered(&mut own);
         raw.add(yardstick.measure());
     }
     drop(subject);

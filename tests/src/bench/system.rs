@@ -10,7 +10,9 @@ use framework_daemon::supervise::boot::boot;
 use framework_daemon::supervise::shutdown::shutdown;
 use framework_daemon::supervise::system::{Placed, System};
 use framework_daemon::sys::trap;
+use serde_json::{Value, json};
 
+use super::stats::Samples;
 use crate::profiles::{Profiles, application, plugin_dir, slot};
 
 /// Longest time that anything may take.
@@ -42,6 +44,27 @@ impl Payload {
             Self::Fresh => "",
             Self::Spare => "<spare count=\"4\" preload=\"instance\"/>",
         }
+    }
+}
+
+/// Nanoseconds from the fault to each step of its recovery.
+#[derive(Debug, Default)]
+pub struct Steps {
+    /// The executor knew of it.
+    pub detected: Samples,
+    /// The answer was looked up.
+    pub decided: Samples,
+    /// The successor was started.
+    pub ready: Samples,
+    /// Its first callback was completed: what is compared with the limit.
+    pub first_callback: Samples,
+}
+
+impl Steps {
+    /// The medians of those before the last.
+    #[must_use]
+    pub fn medians(&mut self) -> Value {
+        json!({"detected": self.detected.at(0.5), "decided": self.decided.at(0.5), "ready": self.ready.at(0.5)})
     }
 }
 
@@ -89,14 +112,17 @@ impl OneSlot {
         self.system.slot("subject").expect("the slot is there").clone()
     }
 
-    /// Nanoseconds from the next fault to the first completed callback after it.
+    /// Waits for the next fault and adds its recovery.
     ///
     /// # Panics
     /// When none comes, or it is not recovered.
-    #[must_use]
-    pub fn recovered(&self) -> u64 {
+    pub fn recovered(&self, steps: &mut Steps) {
         let event = self.events.recv_timeout(PATIENCE).expect("a fault event comes");
-        event.times.first_callback_ns.expect("it is recovered")
+        let times = event.times;
+        steps.detected.add(times.detected_ns);
+        steps.decided.add(times.decided_ns);
+        steps.ready.add(times.ready_ns.expect("it is recovered"));
+        steps.first_callback.add(times.first_callback_ns.expect("it is recovered"));
     }
 
     /// Ends it in order.

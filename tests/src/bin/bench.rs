@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Parser;
 use serde_json::Value;
 use tests::bench::load::Load;
-use tests::bench::stats::{Samples, Setting};
+use tests::bench::stats::Setting;
 use tests::bench::system::Payload;
 use tests::bench::{erlang, guard, hang, recovery, report};
 
@@ -92,7 +92,7 @@ impl Run {
         for (payload, measure) in [("fiber", guard::fiber as fn(usize) -> _), ("callback", guard::callback)] {
             let (mut own, mut limit) = measure(1000);
             let setting = Setting { bench: "guard_cost", payload, load: "idle", sched: "other" };
-            self.tell(setting, &mut own, Some(&mut limit))?;
+            self.tell(setting.line(&mut own, Some(&mut limit)))?;
         }
         Ok(())
     }
@@ -109,7 +109,9 @@ impl Run {
                         _ => recovery::measure(symptom, payload, sched, faults),
                     };
                     let setting = Setting { bench, payload: payload.name(), load, sched };
-                    self.tell(setting, &mut own, Some(&mut limit))?;
+                    let mut line = setting.line(&mut own.first_callback, Some(&mut limit));
+                    line["steps_p50_ns"] = own.medians();
+                    self.tell(line)?;
                 }
             }
         }
@@ -123,16 +125,16 @@ impl Run {
         match erlang::measure(sched, self.arguments.faults) {
             Ok(mut samples) => {
                 let setting = Setting { bench: "erlang_supervisor", payload: "process", load, sched };
-                self.tell(setting, &mut samples, None)
+                self.tell(setting.line(&mut samples, None))
             }
             Err(reason) => writeln!(io::stderr(), "erlang_supervisor {load} {sched}: left out: {reason}"),
         }
     }
 
-    fn tell(&mut self, setting: Setting<'_>, own: &mut Samples, limit: Option<&mut Samples>) -> io::Result<()> {
-        let line = setting.line(own, limit);
+    fn tell(&mut self, line: Value) -> io::Result<()> {
         if self.arguments.report {
-            writeln!(io::stderr(), "{} {} {} {}", setting.bench, setting.payload, setting.load, setting.sched)?;
+            let [bench, payload, load, sched] = ["bench", "payload", "load", "sched"].map(|key| &line[key]);
+            writeln!(io::stderr(), "{bench} {payload} {load} {sched}")?;
         } else {
             writeln!(io::stdout(), "{line}")?;
         }

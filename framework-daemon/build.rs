@@ -1,7 +1,43 @@
-//! Exports the symbols that plugins are to see as the daemon's own (`src/sys/shield.rs`, `src/sys/heap.rs`).
+//! Exports the symbols that plugins are to see as the daemon's own (`src/sys/shield`, `src/sys/heap.rs`).
 
-/// Each is defined in `src/sys/shield.rs` or `src/sys/heap.rs`.
-const SHIELDED: &[&str] = &["abort", "exit", "_exit", "_Exit", "quick_exit", "free", "realloc"];
+/// Each is defined in `src/sys/shield` or `src/sys/heap.rs`.
+const SHIELDED: &[&str] = &[
+    // heap
+    "free",
+    "realloc",
+    // leave
+    "abort",
+    "exit",
+    "_exit",
+    "_Exit",
+    "quick_exit",
+    "pause",
+    // send
+    "kill",
+    "killpg",
+    "tgkill",
+    "raise",
+    "pthread_kill",
+    "sigqueue",
+    // signals
+    "sigaction",
+    "signal",
+    "bsd_signal",
+    "ssignal",
+    "sysv_signal",
+    "__sysv_signal",
+    "sigset",
+    "sigignore",
+    "sighold",
+    "sigprocmask",
+    "pthread_sigmask",
+    "sigsuspend",
+    "sigaltstack",
+    // threads
+    "pthread_create",
+    "pthread_exit",
+    "pthread_cancel",
+];
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");

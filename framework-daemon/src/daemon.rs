@@ -21,8 +21,9 @@ use crate::supervise::boot::{self, BootError};
 use crate::supervise::reload::reload;
 use crate::supervise::shutdown::shutdown;
 use crate::supervise::system::System;
+use crate::sys::foreign::{self, Report};
 use crate::sys::signals::{self, Request};
-use crate::sys::{log_ring, trap};
+use crate::sys::{fence, log_ring, shield, trap};
 
 /// What `run` is told.
 #[derive(Clone, Debug)]
@@ -75,7 +76,10 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<(), RunError> {
     check_injections(&settings.injections, &loaded.plan)?;
     let requests = signals::listen()?;
     log_ring::start()?;
+    let strays = foreign::listen()?;
     trap::install();
+    shield::install();
+    fence::install();
     let journal = Journal::open(&settings.journal);
     let journal =
         journal.map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
@@ -89,7 +93,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<(), RunError> {
     // Nobody may be listening any more; the robot runs all the same.
     let _ = announce(&system, out);
     let pending = sorted(&settings.injections);
-    Daemon { settings, system, journal, manager, began: Instant::now(), pending }.serve(&requests);
+    Daemon { settings, system, journal, manager, began: Instant::now(), pending }.serve(&requests, &strays);
     Ok(())
 }
 
@@ -133,7 +137,7 @@ struct Daemon<'a> {
 }
 
 impl Daemon<'_> {
-    fn serve(mut self, requests: &Receiver<Request>) {
+    fn serve(mut self, requests: &Receiver<Request>, strays: &Receiver<Report>) {
         loop {
             let alarm =
                 self.pending.last().map_or_else(never, |next| after(next.after.saturating_sub(self.began.elapsed())));
@@ -144,10 +148,19 @@ impl Daemon<'_> {
                     Ok(Request::Reload) => self.reload(),
                     Ok(Request::Stop) | Err(_) => break,
                 },
+                recv(strays) -> report => report.iter().for_each(|report| self.blame(report)),
                 recv(alarm) -> _ => self.inject(),
             }
         }
         self.stop();
+    }
+
+    /// Hands a fault on a plugin's thread to the slot that started it.
+    fn blame(&self, report: &Report) {
+        match self.system.slot(report.owner.slot) {
+            Some(placed) => placed.executor.blame(placed.member, *report),
+            None => tracing::error!("a thread of slot `{}`, which is gone, failed: {report:?}", report.owner.slot),
+        }
     }
 
     fn inject(&mut self) {

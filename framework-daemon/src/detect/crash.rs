@@ -14,8 +14,9 @@ pub const fn of_trap(trap: &Trap) -> Symptom {
         libc::SIGSEGV if trap.stack_overflow => Symptom::CrashStack,
         libc::SIGBUS => Symptom::CrashBus,
         libc::SIGFPE => Symptom::CrashFpe,
-        libc::SIGILL => Symptom::CrashIll,
-        libc::SIGABRT => Symptom::CrashAbort,
+        libc::SIGILL | libc::SIGTRAP => Symptom::CrashIll,
+        // SIGSYS: a fatal signal to the own process by a system call.
+        libc::SIGABRT | libc::SIGSYS => Symptom::CrashAbort,
         _ => Symptom::CrashSegv,
     }
 }
@@ -34,18 +35,13 @@ pub const fn of_status(status: CallStatus) -> Option<Symptom> {
 mod tests {
     use super::*;
     use crate::model::fault::TrapEvidence;
-    use crate::sys::trap::Site;
 
     #[test]
     fn each_signal_has_its_symptom() {
         let trap = |signal, stack_overflow| Trap {
-            evidence: TrapEvidence { signal, address: 0, pc: 0, sp: 0 },
-            site: Site::Plugin,
             stack_overflow,
             exited: signal == 0,
-            hang: false,
-            thread_lost: false,
-            at_ns: 0,
+            ..Trap::new(TrapEvidence { signal, address: 0, pc: 0, sp: 0 }, 0)
         };
         let seen =
             [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT].map(|s| of_trap(&trap(s, false)));

@@ -11,6 +11,7 @@ use crate::plugin::host;
 use crate::port::check;
 use crate::sys::clock;
 use crate::sys::fiber::FiberPool;
+use crate::sys::foreign::{Event, Owner};
 use crate::sys::trap::Trap;
 
 /// What a callback is entered with.
@@ -41,8 +42,9 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
     let deadline_ns = args.now_ns.saturating_add(unit.limits.of(call.hook));
     let instance = &mut unit.instance;
     let mut status = CallStatus::Done;
+    let owner = Owner { slot, instance: unit.number };
     if let Err(fault) =
-        guarded(fibers, slot, unit.limits.stack_bytes, deadline_ns, &mut || status = instance.enter(&args))
+        guarded(fibers, owner, unit.limits.stack_bytes, deadline_ns, &mut || status = instance.enter(&args))
     {
         unit.spent = true;
         return Err(fault);
@@ -57,8 +59,9 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
 pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Result<Unit, Fault> {
     let mut built = None;
     let limits = parts.limits();
+    let owner = Owner { slot, instance: parts.number() };
     let deadline_ns = clock::now_ns() + limits.of(Hook::Initialize);
-    let ended = guarded(fibers, slot, limits.stack_bytes, deadline_ns, &mut || built = Some(parts.build()));
+    let ended = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || built = Some(parts.build()));
     match (ended, built) {
         (Ok(()), Some(Ok(instance))) => Ok(parts.finish(instance)),
         (Ok(()), Some(Err((status, text)))) => Err(told(crash::of_status(status).unwrap_or(Symptom::Error), &text)),
@@ -73,10 +76,11 @@ pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Resul
 /// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop; false then.
 pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bool {
     unit.close();
-    let (instance, limits) = (&mut unit.instance, unit.limits);
+    let (owner, limits) = (Owner { slot, instance: unit.number }, unit.limits);
+    let instance = &mut unit.instance;
     let mut drop = || _ = instance.destroy();
     let deadline_ns = clock::now_ns() + limits.of(Hook::Destroy);
-    unit.spent = unit.spent || guarded(fibers, slot, limits.stack_bytes, deadline_ns, &mut drop).is_err();
+    unit.spent = unit.spent || guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut drop).is_err();
     // A panic in a drop is over when the shim returns; the object is gone.
     let _ = forget_notes();
     let dropped = !unit.spent;
@@ -99,12 +103,12 @@ pub fn side_report() -> Option<Fault> {
 
 fn guarded(
     fibers: &mut FiberPool,
-    slot: &'static str,
+    owner: Owner,
     stack_bytes: usize,
     deadline_ns: u64,
     closure: &mut dyn FnMut(),
 ) -> Result<(), Fault> {
-    host::enter_slot(slot);
+    host::enter_slot(owner);
     let _ = check::take_report();
     match fibers.run(stack_bytes, deadline_ns, closure) {
         Ok(None) => Ok(()),
@@ -124,6 +128,16 @@ fn trapped(trap: &Trap) -> Fault {
         thread_lost: trap.thread_lost,
         evidence: Evidence::Trap(trap.evidence),
     }
+}
+
+/// The fault of a thread that a component started; `None`: it only ended.
+pub(super) fn astray(event: &Event, at_ns: u64) -> Option<Fault> {
+    let (symptom, evidence) = match event {
+        Event::Trapped(trap) => (crash::of_trap(trap), Evidence::Trap(trap.evidence)),
+        Event::Panicked(evidence) => (Symptom::CrashPanic, *evidence),
+        Event::Ended => return None,
+    };
+    Some(Fault { symptom, at_ns, detected_ns: clock::now_ns(), injected: false, thread_lost: false, evidence })
 }
 
 /// A fault that was told by a text: what the component noted, or `text` where it noted nothing.

@@ -17,6 +17,7 @@ use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
 use crate::profile::plan::Trigger;
 use crate::sys::fiber::FiberPool;
+use crate::sys::foreign::Report;
 use crate::sys::{arch, carrier, clock, watchdog};
 
 /// What an executor may be told. Each is answered when it is done.
@@ -27,6 +28,7 @@ enum Command {
     Remove(usize, Sender<()>),
     Rank(Vec<(usize, u32)>, Sender<()>),
     Inject(usize, u8, Sender<bool>),
+    Blame(usize, Box<Report>),
     Quit,
 }
 
@@ -133,6 +135,13 @@ impl Executor {
         self.ask(limit, |reply| Command::Inject(member, code, reply))
     }
 
+    /// Tells a member what happened on a thread that it started.
+    pub fn blame(&self, member: usize, report: Report) {
+        // An executor that is gone has no members any more.
+        let _ = self.commands.send(Command::Blame(member, Box::new(report)));
+        self.bell.wake();
+    }
+
     fn ask<T>(&self, limit: Duration, command: impl FnOnce(Sender<T>) -> Command) -> Result<T, Stuck> {
         // Once it did not answer, nobody waits for it again: a shutdown would take a time-out for each of its slots.
         let limit = if self.stuck.load(Ordering::Relaxed) { Duration::from_millis(1) } else { limit };
@@ -218,6 +227,7 @@ impl Run {
                 _ = reply.send(());
             }
             Command::Inject(number, code, reply) => _ = reply.send(self.inject(number, code)),
+            Command::Blame(number, report) => _ = self.with(number, |member, crew| member.blame(&report, crew)),
             // Plugins' thread-local destructors run when a thread ends; after a trap they might meet half-changed state.
             Command::Quit if self.crew.lost => self.retire(),
             Command::Quit => return false,
@@ -229,7 +239,7 @@ impl Run {
     fn retire(&mut self) -> ! {
         self.crew.faults = crossbeam_channel::bounded(1).0;
         self.bell.retire();
-        arch::end_thread()
+        arch::exit_thread()
     }
 
     fn install(&mut self, mut member: Box<Member>) -> Result<usize, String> {

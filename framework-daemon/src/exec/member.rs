@@ -277,7 +277,7 @@ impl Member {
     }
 
     /// A fault on the way out: there is nothing left to recover.
-    fn lose(&mut self, fault: Fault, crew: &mut Crew) {
+    pub(super) fn lose(&mut self, fault: Fault, crew: &mut Crew) {
         self.step(Event::Fault);
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
             self.dispose(unit, crew);

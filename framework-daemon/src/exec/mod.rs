@@ -12,6 +12,9 @@ pub mod executor;
 /// A slot as its executor sees it: instance, state, rules, standbys.
 pub mod member;
 
+/// Faults on threads that a component started.
+pub mod astray;
+
 /// The local answer to a fault: reset, replace or stop, at once.
 pub mod recover;
 

@@ -1,6 +1,7 @@
 //! An instance with its bindings, and the recipe for another one.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use abi_stable::std_types::RStr;
@@ -20,6 +21,8 @@ use crate::sys::clock;
 
 /// Finds and loads a class when it is needed: `preload="none"`.
 pub type Loader = Arc<dyn Fn() -> Result<Class, String> + Send + Sync>;
+
+static NUMBERS: AtomicU64 = AtomicU64::new(1);
 
 /// Where a class comes from.
 #[derive(Clone)]
@@ -97,6 +100,8 @@ impl Limits {
 pub struct Unit {
     /// The instance.
     pub instance: Instance,
+    /// Its number: no other instance ever has the same.
+    pub number: u64,
     /// Its class's name.
     pub class: &'static str,
     /// What its callbacks may take.
@@ -110,6 +115,7 @@ pub struct Unit {
 
 /// All that is there before the constructor runs.
 pub struct Parts {
+    number: u64,
     class: Class,
     bindings: Vec<Arc<Binding>>,
     handles: Vec<PortHandle>,
@@ -139,7 +145,8 @@ impl Recipe {
         let bindings = bind(decl, slot)?;
         let handles = bindings.iter().map(Binding::handle).collect();
         let properties = decl.properties.iter().map(|property| self.property(property)).collect();
-        Ok(Parts { class, bindings, handles, properties, limits: self.limits })
+        let number = NUMBERS.fetch_add(1, Ordering::Relaxed);
+        Ok(Parts { number, class, bindings, handles, properties, limits: self.limits })
     }
 
     fn property(&self, decl: &component_sdk::abi::class::PropertyDecl) -> String {
@@ -173,12 +180,19 @@ impl Parts {
     pub fn finish(self, instance: Instance) -> Unit {
         Unit {
             instance,
+            number: self.number,
             class: self.class.name(),
             limits: self.limits,
             spent: false,
             started: false,
             bindings: self.bindings,
         }
+    }
+
+    /// Number of the instance to be.
+    #[must_use]
+    pub const fn number(&self) -> u64 {
+        self.number
     }
 
     /// What its callbacks may take.

@@ -149,6 +149,7 @@ impl TrapEvidence {
             libc::SIGILL => "SIGILL",
             libc::SIGABRT => "SIGABRT",
             libc::SIGSYS => "SIGSYS",
+            libc::SIGTRAP => "SIGTRAP",
             _ => "it does not return",
         }
     }

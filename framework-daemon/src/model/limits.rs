@@ -73,6 +73,10 @@ pub const TEXTS: usize = 1_024;
 pub const STACK_BYTES: usize = 1 << 20;
 /// Alternate signal stack of each guarded thread; AVX-512 frames are large.
 pub const SIGNAL_STACK_BYTES: usize = 64 << 10;
+/// How far from the end of a plugin's thread's stack a bad access counts as its overflow: its guard, or a frame beyond it.
+pub const STACK_OVERFLOW_REACH_BYTES: usize = 64 << 10;
+/// Faults on threads of plugins waiting to be passed on.
+pub const FOREIGN_REPORTS: usize = 256;
 /// Longest panic message, error text or log record kept, in bytes.
 pub const TEXT_BYTES: usize = 400;
 /// Log records of components waiting to be written.

@@ -7,8 +7,9 @@ use std::cell::Cell;
 
 use abi_stable::std_types::RStr;
 
-use crate::model::fault::ShortText;
-use crate::sys::{clock, log_ring};
+use crate::model::fault::{Evidence, ShortText};
+use crate::sys::foreign::{self, Owner};
+use crate::sys::{clock, log_ring, shield};
 
 /// A panic as the plugin's hook saw it.
 #[derive(Clone, Copy)]
@@ -24,7 +25,6 @@ pub struct PanicNote {
 thread_local! {
     // One flag for all: a callback that told nothing costs one load, not the texts' copies.
     static TOLD: Cell<bool> = const { Cell::new(false) };
-    static SLOT: Cell<&'static str> = const { Cell::new("") };
     static PANIC: Cell<Option<PanicNote>> = const { Cell::new(None) };
     static ERROR: Cell<Option<ShortText>> = const { Cell::new(None) };
     static RAISED: Cell<Option<ShortText>> = const { Cell::new(None) };
@@ -32,8 +32,8 @@ thread_local! {
 }
 
 /// Says whose callback runs on this thread from now on; what was told before is nobody's any more.
-pub fn enter_slot(name: &'static str) {
-    SLOT.set(name);
+pub fn enter_slot(owner: Owner) {
+    foreign::enter(owner);
     if has_told() {
         forget();
     }
@@ -79,7 +79,7 @@ pub extern "C" fn clock_now() -> u64 {
 
 /// [`component_sdk::abi::host::HostApi::log`].
 pub extern "C" fn log(level: u8, text: RStr<'_>) {
-    log_ring::put(level, SLOT.get(), text.as_str());
+    log_ring::put(level, foreign::owner().slot, text.as_str());
 }
 
 /// [`component_sdk::abi::host::HostApi::raise_fault`].
@@ -99,6 +99,11 @@ pub extern "C" fn note_error(text: RStr<'_>) {
 /// [`component_sdk::abi::host::HostApi::note_panic`].
 pub extern "C" fn note_panic(message: RStr<'_>, file: RStr<'_>, line: u32) {
     let note = PanicNote { message: ShortText::new(message.as_str()), file: ShortText::new(file.as_str()), line };
+    shield::leave::note_panic(note.message.as_str());
+    if foreign::is_here() {
+        // No callback will ask for it.
+        return foreign::panicked(Evidence::Panic { message: note.message, file: note.file, line });
+    }
     PANIC.set(Some(note));
     TOLD.set(true);
 }
@@ -112,5 +117,5 @@ pub extern "C" fn note_injection() {
 /// [`component_sdk::abi::host::HostApi::critical`]: regions outside the instance are registered for checkpoints, which are
 /// not active yet; the log says so.
 pub extern "C" fn critical(name: RStr<'_>, _address: *mut u8, _len: usize) {
-    log_ring::put(4, SLOT.get(), name.as_str());
+    log_ring::put(4, foreign::owner().slot, name.as_str());
 }

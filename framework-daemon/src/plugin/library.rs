@@ -20,7 +20,7 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 use super::compat::{self, HeaderView};
 use super::image::{self, Image};
 use crate::model::limits::PLUGIN_FILE_BYTES;
-use crate::sys::text;
+use crate::sys::{fence, text};
 
 /// A loaded plugin.
 pub struct Plugin {
@@ -142,7 +142,7 @@ fn open_copy(file: &Path, bytes: &[u8]) -> Result<ManuallyDrop<Library>, String>
     })?;
     #[allow(clippy::mem_forget, reason = "the descriptor's number is the name of a library that is never closed")]
     std::mem::forget(descriptor);
-    text::learn(&path, file);
+    fence::enclose(&text::learn(&path, file));
     Ok(ManuallyDrop::new(library))
 }
 

@@ -9,8 +9,14 @@ pub mod carrier;
 /// The monotonic clock.
 pub mod clock;
 
+/// System calls that plugin code makes itself.
+pub mod fence;
+
 /// A callback runs on a fiber: it may end by a trap without taking its thread along.
 pub mod fiber;
+
+/// Threads that plugins start.
+pub mod foreign;
 
 /// Waiting on a word of memory.
 pub mod futex;
@@ -30,7 +36,7 @@ pub mod pulse;
 /// From a thread that is given up to one in reserve.
 pub mod relay;
 
-/// The end of the process, as plugins see it.
+/// What plugins see as the C library.
 pub mod shield;
 
 /// HUP, TERM, INT as values on a channel.

@@ -16,14 +16,16 @@ use std::sync::{Arc, Once};
 
 use corosensei::trap::CoroutineTrapHandler;
 
+use super::fence::{self, Verdict};
 use super::pulse::Pulse;
 use super::relay::Relay;
-use super::{arch, clock, heap, leaf, text, thread};
+use super::{arch, clock, foreign, heap, leaf, shield, text, thread};
 use crate::model::fault::TrapEvidence;
 use crate::model::limits::{HANG_ATTEMPTS, HANG_ATTEMPTS_IN_DAEMON};
 
 /// The signals that end a fiber.
-pub const SIGNALS: [i32; 5] = [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT];
+pub const SIGNALS: [i32; 7] =
+    [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT, libc::SIGSYS, libc::SIGTRAP];
 
 /// The watchdog's: one that nobody else uses.
 #[must_use]
@@ -48,6 +50,15 @@ pub struct Trap {
     pub thread_lost: bool,
     /// When it happened: of a hang, when its time was over; else when the handler was entered.
     pub at_ns: u64,
+}
+
+impl Trap {
+    /// One of which nothing more is known.
+    #[must_use]
+    pub const fn new(evidence: TrapEvidence, at_ns: u64) -> Self {
+        let site = Site::Elsewhere;
+        Self { evidence, site, stack_overflow: false, exited: false, hang: false, thread_lost: false, at_ns }
+    }
 }
 
 /// Where the program counter was.
@@ -162,7 +173,7 @@ impl Armed {
                 heap::abandon_thread();
                 // Where not even a place is left for it, the executor ends with its thread.
                 relay.pass(std::ptr::from_ref(self).cast_mut());
-                arch::end_thread();
+                arch::exit_thread();
             }
         }
     }
@@ -275,24 +286,29 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     // SAFETY: the kernel passes valid pointers for the time of the call (SA_SIGINFO).
     let (info, context) = unsafe { (&mut *info, &mut *context.cast::<libc::ucontext_t>()) };
     let (pc, sp) = arch::position(context);
+    let verdict = fence::judge(info, context);
+    if verdict == Some(Verdict::Answered) {
+        return;
+    }
     let sent = is_sent(info);
-    let Some(armed) = armed().filter(|armed| armed.holds(sp) && sent != Some(false)) else {
-        return if sent.is_some() { end_by(signal) } else { chain(signal, info, context) };
-    };
     let raised = RAISED.replace(Raised::Nothing);
     let signal = if raised == Raised::Nothing { signal } else { libc::SIGABRT };
     // SAFETY: all of these signals but SIGABRT carry an address.
     let address = if signal == libc::SIGABRT { 0 } else { unsafe { info.si_addr() }.addr() };
-    let trap = Trap {
-        evidence: TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 },
-        site: armed.site(address, context),
-        stack_overflow: signal == libc::SIGSEGV && armed.guard().contains(&address),
-        exited: raised == Raised::Exit,
-        hang: false,
-        thread_lost: false,
-        at_ns,
-    };
-    armed.end(trap, context);
+    let evidence = TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 };
+    let mut trap = Trap::new(evidence, at_ns);
+    trap.exited = raised == Raised::Exit || verdict == Some(Verdict::Leaves);
+    // A copy of this process that a plugin made is no business of ours, nor is a signal from outside.
+    let is_guest = sent != Some(false) && !shield::is_copy();
+    if let Some(armed) = armed().filter(|armed| is_guest && armed.holds(sp)) {
+        trap.site = armed.site(address, context);
+        trap.stack_overflow = signal == libc::SIGSEGV && armed.guard().contains(&address);
+        return armed.end(trap, context);
+    }
+    if is_guest {
+        foreign::struck(trap);
+    }
+    if sent.is_some() { end_by(signal) } else { chain(signal, info, context) }
 }
 
 /// The watchdog's signal: the callback that runs on this thread, if it is still the one that is late.
@@ -317,10 +333,7 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
     let site = if site == Site::Daemon { Site::Elsewhere } else { site };
     let evidence = TrapEvidence { signal, address: 0, pc: pc as u64, sp: sp as u64 };
-    armed.end(
-        Trap { evidence, site, stack_overflow: false, exited: false, hang: true, thread_lost: false, at_ns },
-        context,
-    );
+    armed.end(Trap { site, hang: true, ..Trap::new(evidence, at_ns) }, context);
 }
 
 /// Some when the signal was sent and not caused by an instruction; true when this process sent it to itself (`abort`).

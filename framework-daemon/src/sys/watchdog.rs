@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 
 use super::pulse::Pulse;
 use super::wake::Waker;
-use super::{clock, thread, trap};
+use super::{arch, clock, thread, trap};
 use crate::model::limits::{PRIORITY_MAX, WATCHDOG_RETRY};
 use crate::model::schedule::{Policy, Schedule};
 
@@ -100,12 +100,8 @@ const fn nanoseconds(duration: std::time::Duration) -> u64 {
 }
 
 fn signal(thread: i32) {
+    let arguments = [std::process::id() as usize, thread as usize, trap::watchdog_signal() as usize, 0, 0, 0];
     // SAFETY: no memory is passed; the signal is ours, and its handler looks for itself whether anything is late. A thread
     // that is gone by now makes the call fail.
-    unsafe { tgkill(libc::getpid(), thread, trap::watchdog_signal()) };
-}
-
-unsafe extern "C" {
-    // The C library's (glibc 2.30); the `libc` crate does not declare it.
-    fn tgkill(process: i32, thread: i32, signal: i32) -> i32;
+    unsafe { arch::system_call(libc::SYS_tgkill, arguments) };
 }

@@ -73,11 +73,12 @@ pub fn app(class: &Class, strikes: usize, tortured: bool) -> String {
 
 fn victim(class: &Class, number: usize, strikes: usize) -> String {
     let how = property("how", "string", class.how);
-    // One after the other, and none before all are started.
-    let after = if class.course == Course::OnceEach {
-        property("after", "int", &(100 + number).to_string())
-    } else {
-        String::new()
+    let after = match class.course {
+        // One after the other, and none before all are started.
+        Course::OnceEach => property("after", "int", &(100 + number).to_string()),
+        // A thread has time to start.
+        Course::Again if class.group == "threads" => property("after", "int", "20"),
+        _ => String::new(),
     };
     let how = if class.how.is_empty() { String::new() } else { how };
     let limit = property("limit", "int", &strikes.to_string());

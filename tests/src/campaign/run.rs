@@ -106,7 +106,9 @@ fn judge(class: &Class, strikes: usize, policy: Policy, traces: Traces, control:
         problems.push(format!("blamed as {}", wrong["symptom"]));
     }
     let ended: &[&Value] = if class.bait.is_some() { &baits } else { &own };
-    let outcome = |name: &str| ended.iter().filter(|fault| has(fault, "outcome", &[name])).count();
+    let outcome = |names: &[&str]| ended.iter().filter(|fault| has(fault, "outcome", names)).count();
+    // A thread may outlive its instance: what it does then is answered already, and only written down.
+    let answered: &[&str] = if class.group == "threads" { &["recovered", "ignored"] } else { &["recovered"] };
     let mut recovery = Samples::default();
     ended.iter().filter_map(|fault| fault["times"]["first_callback_ns"].as_u64()).for_each(|nanos| recovery.add(nanos));
     let refused = class.course == Course::Refused && log.contains("the last strike") && !slots.is_empty();
@@ -118,8 +120,8 @@ fn judge(class: &Class, strikes: usize, policy: Policy, traces: Traces, control:
         injected: strikes,
         contained,
         attributed,
-        recovered: if refused { attributed } else { outcome("recovered") },
-        stopped: outcome("stopped"),
+        recovered: if refused { attributed } else { outcome(answered) },
+        stopped: outcome(&["stopped"]),
         missed: worst_missed(&slots),
         missed_control: worst_missed(&control.slots),
         gap: longest_gap(&log),

@@ -1,5 +1,6 @@
 //! The main loop of `run`: boot, then signals until told to stop.
 
+use std::ffi::OsStr;
 use std::io::Write;
 use std::os::fd::AsFd;
 use std::path::PathBuf;
@@ -19,11 +20,11 @@ use crate::profile::plan::OnTaint;
 use crate::supervise::boot::BootError;
 use crate::supervise::reload::reload;
 use crate::supervise::shutdown::shutdown;
-use crate::supervise::system::System;
-use crate::sys::foreign::{self, Report};
+use crate::supervise::system::{Placed, System};
+use crate::sys::foreign::{self, Owner, Report};
 use crate::sys::signals::{self, Request};
 use crate::sys::thread::SignalStack;
-use crate::sys::{fence, last_words, log_ring, shield, trap};
+use crate::sys::{fence, last_words, log_ring, memory, shield, trap};
 
 /// Faults to provoke.
 pub mod drill;
@@ -109,6 +110,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
     }
     let requests = signals::listen()?;
     log_ring::start()?;
+    memory::lock_all().unwrap_or_else(|reason| tracing::warn!("{reason}"));
     let strays = foreign::listen()?;
     trap::install();
     shield::install();
@@ -216,11 +218,18 @@ impl Daemon<'_> {
         ending
     }
 
-    /// Hands a fault on a plugin's thread to the slot that started it.
+    /// Hands a fault on a plugin's thread to the slot that started it; one that the plugin started when it was loaded
+    /// belongs to all its slots.
     fn blame(&self, report: &Report) {
-        match self.system.slot(report.owner.slot) {
-            Some(placed) => placed.executor.blame(placed.member, *report),
-            None => tracing::error!("a thread of slot `{}`, which is gone, failed: {report:?}", report.owner.slot),
+        let plugin = report.plugin();
+        let is_blamed = |placed: &&Placed| match report.owner {
+            Owner::NONE => placed.plugins.iter().any(|each| each.file.file_name().and_then(OsStr::to_str) == plugin),
+            owner => placed.slot.name == owner.slot,
+        };
+        let blamed: Vec<_> = self.system.slots.iter().filter(is_blamed).collect();
+        blamed.iter().for_each(|placed| placed.executor.blame(placed.member, *report));
+        if blamed.is_empty() {
+            tracing::error!("a thread of nobody who is still there failed: {report:?}");
         }
     }
 

@@ -61,16 +61,33 @@ pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Resul
     let limits = parts.limits();
     let owner = Owner { slot, instance: parts.number() };
     let deadline_ns = clock::now_ns() + limits.of(Hook::Initialize);
-    let ended = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || built = Some(parts.build()));
+    // Nothing that is made on the fiber may need to be dropped: a trap would leak it.
+    let texts = parts.texts();
+    let ended = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || built = Some(parts.build(&texts)));
+    drop(texts);
     match (ended, built) {
         (Ok(()), Some(Ok(instance))) => Ok(parts.finish(instance)),
         (Ok(()), Some(Err((status, text)))) => Err(told(crash::of_status(status).unwrap_or(Symptom::Error), &text)),
-        (Err(fault), _) => {
-            parts.abandon();
-            Err(fault)
-        }
+        (Err(fault), _) => Err(fault),
         (Ok(()), None) => Err(told(Symptom::Error, "the constructor did not run")),
     }
+}
+
+/// Runs a closure that touches memory of `unit`, guarded as its callbacks are.
+///
+/// # Errors
+/// The fault that ended it: the memory is not there.
+pub fn touch(
+    fibers: &mut FiberPool,
+    slot: &'static str,
+    unit: &mut Unit,
+    closure: &mut dyn FnMut(),
+) -> Result<(), Fault> {
+    let (owner, limits) = (Owner { slot, instance: unit.number }, unit.limits);
+    let deadline_ns = clock::now_ns().saturating_add(limits.hang_ns);
+    let result = guarded(fibers, owner, limits.stack_bytes, deadline_ns, closure);
+    unit.spent |= result.is_err();
+    result
 }
 
 /// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop; false then.

@@ -1,28 +1,26 @@
 //! An instance with its bindings, and the recipe for another one.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use abi_stable::std_types::RStr;
 use component_sdk::abi::class::{CallStatus, ClassDecl, Direction, Hook};
 use component_sdk::abi::payload::PortHandle;
 
+use super::checkpoint::Region;
 use super::slot::Slot;
 use crate::detect::deadline;
 use crate::model::fault::{Evidence, Fault};
 use crate::model::limits::{HANG, HANG_AT_START, HANG_AT_STOP, STACK_BYTES};
 use crate::model::symptom::Symptom;
 use crate::plugin::Class;
-use crate::plugin::instance::Instance;
+use crate::plugin::instance::{self, Instance};
 use crate::port::border::Binding;
 use crate::profile::plan::Execution;
 use crate::sys::clock;
 
 /// Finds and loads a class when it is needed: `preload="none"`.
 pub type Loader = Arc<dyn Fn() -> Result<Class, String> + Send + Sync>;
-
-static NUMBERS: AtomicU64 = AtomicU64::new(1);
 
 /// Where a class comes from.
 #[derive(Clone)]
@@ -36,6 +34,10 @@ pub enum Source {
 /// How an instance for a slot is made.
 #[derive(Clone)]
 pub struct Recipe {
+    /// Its number on the slot's shelf.
+    pub number: usize,
+    /// Name of its class.
+    pub class_name: &'static str,
     /// Its class.
     pub source: Source,
     /// Property texts by name; the class's defaults hold for the others.
@@ -84,7 +86,9 @@ impl Limits {
         match hook {
             Hook::Initialize | Hook::Start => HANG_AT_START.as_nanos() as u64,
             Hook::Stop | Hook::Destroy => HANG_AT_STOP.as_nanos() as u64,
-            Hook::Execute | Hook::Update | Hook::Event | Hook::Error | Hook::Reset | Hook::Recover => self.hang_ns,
+            Hook::Execute | Hook::Update | Hook::Event | Hook::Error | Hook::Reset | Hook::Recover | Hook::Rehearse => {
+                self.hang_ns
+            }
         }
     }
 }
@@ -97,22 +101,27 @@ pub struct Unit {
     pub number: u64,
     /// Its class's name.
     pub class: &'static str,
+    /// Number of the slot's recipe that it was made after.
+    pub recipe: usize,
     /// What its callbacks may take.
     pub limits: Limits,
     /// It trapped: it may never be entered or dropped again.
     pub spent: bool,
     /// Its `start` went well.
     pub started: bool,
-    bindings: Vec<Arc<Binding>>,
+    /// Its checkpoint: fields of the instance, and what it registered.
+    pub regions: Vec<Region>,
+    bindings: Vec<Binding>,
 }
 
 /// All that is there before the constructor runs.
 pub struct Parts {
     number: u64,
     class: Class,
-    bindings: Vec<Arc<Binding>>,
+    bindings: Vec<Binding>,
     handles: Vec<PortHandle>,
     properties: Vec<String>,
+    recipe: usize,
     limits: Limits,
 }
 
@@ -135,11 +144,11 @@ impl Recipe {
     pub fn gather(&self, slot: &Slot) -> Result<Parts, String> {
         let class = self.class()?;
         let decl = &class.exported().decl;
-        let bindings = bind(decl, slot)?;
+        let number = instance::next_number();
+        let bindings = bind(decl, slot, number)?;
         let handles = bindings.iter().map(Binding::handle).collect();
         let properties = decl.properties.iter().map(|property| self.property(property)).collect();
-        let number = NUMBERS.fetch_add(1, Ordering::Relaxed);
-        Ok(Parts { number, class, bindings, handles, properties, limits: self.limits })
+        Ok(Parts { number, class, bindings, handles, properties, recipe: self.number, limits: self.limits })
     }
 
     fn property(&self, decl: &component_sdk::abi::class::PropertyDecl) -> String {
@@ -148,12 +157,13 @@ impl Recipe {
     }
 }
 
-fn bind(decl: &ClassDecl, slot: &Slot) -> Result<Vec<Arc<Binding>>, String> {
+fn bind(decl: &ClassDecl, slot: &Slot, instance: u64) -> Result<Vec<Binding>, String> {
     decl.ports
         .iter()
         .map(|port| {
             let end = slot.end(port.name.as_str(), port.direction == Direction::Input);
-            end.map(Binding::new).ok_or_else(|| format!("class {}: the slot has no port `{}`", decl.name, port.name))
+            let end = end.ok_or_else(|| format!("class {}: the slot has no port `{}`", decl.name, port.name))?;
+            Binding::new(end, instance).ok_or_else(|| "no port handle is left".to_owned())
         })
         .collect()
 }
@@ -163,18 +173,25 @@ impl Parts {
     ///
     /// # Errors
     /// How the constructor ended, and its text.
-    pub fn build(&self) -> Result<Instance, (CallStatus, String)> {
-        let texts: Vec<RStr<'_>> = self.properties.iter().map(|text| RStr::from_str(text)).collect();
-        Instance::create(self.class.exported(), &self.handles, &texts)
+    pub fn build(&self, texts: &[RStr<'_>]) -> Result<Instance, (CallStatus, String)> {
+        Instance::create(self.number, self.class.exported(), &self.handles, texts)
+    }
+
+    /// Property texts in the class's order, as the constructor gets them.
+    #[must_use]
+    pub fn texts(&self) -> Vec<RStr<'_>> {
+        self.properties.iter().map(|text| RStr::from_str(text)).collect()
     }
 
     /// The unit, once the instance is there.
     #[must_use]
     pub fn finish(self, instance: Instance) -> Unit {
         Unit {
+            regions: critical_fields(&self.class.exported().decl, instance.address()),
             instance,
             number: self.number,
             class: self.class.name(),
+            recipe: self.recipe,
             limits: self.limits,
             spent: false,
             started: false,
@@ -199,32 +216,38 @@ impl Parts {
     pub fn class_name(&self) -> &'static str {
         self.class.name()
     }
+}
 
-    /// The constructor trapped: what it was given may still be in somebody's hands.
-    pub fn abandon(self) {
-        close(&self.bindings);
-        #[allow(clippy::mem_forget, reason = "handles of a constructor that trapped must stay valid")]
-        std::mem::forget(self.bindings);
-    }
+/// The fields that the class calls critical.
+fn critical_fields(decl: &ClassDecl, address: usize) -> Vec<Region> {
+    let fields = decl.criticals.iter();
+    // A description that is wrong must not lead out of the instance.
+    let inside = fields.filter(|field| field.offset.checked_add(field.size).is_some_and(|end| end <= decl.size));
+    inside.map(|field| Region { name: field.name.as_str(), address: address + field.offset, len: field.size }).collect()
 }
 
 impl Unit {
-    /// The instance trapped: its ports are closed, it is never entered again, and nothing of it is freed.
+    /// Adds a region to its checkpoint, or moves it.
+    pub fn register(&mut self, region: Region) {
+        match self.regions.iter_mut().find(|known| known.name == region.name) {
+            Some(known) => *known = region,
+            None => self.regions.push(region),
+        }
+    }
+
+    /// The instance trapped: it is never entered again, and nothing of it is freed, because its memory may be
+    /// half-changed. What the daemon had for it is.
     pub fn quarantine(self) {
-        close(&self.bindings);
-        #[allow(
-            clippy::mem_forget,
-            reason = "a quarantined instance is never dropped: its memory may be half-changed"
-        )]
-        std::mem::forget(self);
+        self.bindings.iter().for_each(Binding::forget_scratch);
     }
 
-    /// Closes its ports before it is destroyed.
+    /// It takes the slot over: its ports lead somewhere.
+    pub fn open(&self) {
+        self.bindings.iter().for_each(Binding::open);
+    }
+
+    /// It left the slot: its ports are closed.
     pub fn close(&self) {
-        close(&self.bindings);
+        self.bindings.iter().for_each(Binding::close);
     }
-}
-
-fn close(bindings: &[Arc<Binding>]) {
-    bindings.iter().for_each(|binding| binding.close());
 }

@@ -58,10 +58,10 @@ fn enter(count: &mut u64, is_lost: bool, max: u64, what: &str) -> Option<Verdict
 
 fn taint(event: &FaultEvent) -> Verdict {
     let FaultEvent { slot, fault, .. } = event;
-    let (symptom, message) = (fault.symptom.name(), fault.evidence.message());
+    let (symptom, message) = (fault.symptom.name(), fault.evidence.text());
     let reason = format!(
         "memory is suspect after {symptom} of slot {slot} ({}), and the system profile says on_taint=\"restart\"",
-        message.as_str()
+        message
     );
     Verdict::Restart(RestartRequest { reason })
 }
@@ -83,6 +83,7 @@ mod tests {
             answer: Answer::Reset,
             successor: None,
             outcome: Outcome::Recovered,
+            checkpoint_ns: None,
             times: Times::default(),
         }
     }

@@ -144,7 +144,7 @@ fn tell(event: &FaultEvent, origin: &Origin) {
 
 /// What happened, in words: `SIGSEGV at 0x8 in ticker::step+0x12 (libticker.so), memory suspect`.
 fn describe(fault: &Fault, origin: &Origin) -> String {
-    let mut text = fault.evidence.message().as_str().to_owned();
+    let mut text = fault.evidence.text().to_owned();
     if let Evidence::Trap(trap) = &fault.evidence
         && trap.signal != libc::SIGABRT
     {
@@ -163,6 +163,7 @@ fn describe(fault: &Fault, origin: &Origin) -> String {
 fn action(event: &FaultEvent) -> &'static str {
     match event.answer {
         crate::model::ladder::Answer::Replace => "replacement",
+        crate::model::ladder::Answer::Prepare => "spare",
         _ => "reset",
     }
 }

@@ -3,6 +3,8 @@
 //! Faults in `on_execute` are provoked by the SDK's shim; these are for all other callbacks, for constructors and drops.
 #![allow(unsafe_code, reason = "faults on purpose")]
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use component_sdk::prelude::*;
 
 /// Fails in one of its callbacks, once in a process, or each time.
@@ -126,6 +128,94 @@ impl Default for Part {
 
 impl Callbacks for Stillborn {}
 
+/// Counts the instances of the process; some of them cannot be initialised.
+#[derive(Component)]
+#[component(name = "Heir", version = "1.0", periodic = "5ms")]
+pub struct Heir {
+    /// The first one that fails.
+    #[property(default = 2)]
+    from: u64,
+    /// The first one after it that does not.
+    #[property(default = 4)]
+    until: u64,
+    /// `panic`, `segv`, `error`.
+    #[property(default = "panic")]
+    how: String,
+    /// How long `initialize` takes from the second on, in milliseconds.
+    #[property(default = 0)]
+    slow: u64,
+    #[port]
+    said: DataOut<Range>,
+    number: u64,
+}
+
+static HEIRS: AtomicU64 = AtomicU64::new(0);
+
+impl Callbacks for Heir {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.said.write(Range { range: self.number as f32, ..Range::default() });
+        Ok(())
+    }
+    fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
+        self.number = HEIRS.fetch_add(1, Ordering::Relaxed) + 1;
+        if self.number > 1 {
+            std::thread::sleep(std::time::Duration::from_millis(self.slow));
+        }
+        if (self.from..self.until).contains(&self.number) {
+            return fail(&self.how);
+        }
+        info!(cx, "heir {} is ready", self.number);
+        Ok(())
+    }
+    fn recover(&mut self, cx: &mut Context<'_>, _: &FaultInfo<'_>) -> Outcome {
+        info!(cx, "heir {} succeeds", self.number);
+        Ok(())
+    }
+    fn destroy(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "heir {} ends", self.number);
+        Ok(())
+    }
+    fn rehearse(&mut self, cx: &mut Context<'_>) -> Outcome {
+        let mut said = self.said.loan();
+        said.range = -1.0;
+        info!(cx, "heir {} rehearses: {:?}", self.number, said.send());
+        Ok(())
+    }
+}
+
+/// Keeps a number in memory of its own, outside the instance, and one inside.
+#[derive(Component)]
+#[component(name = "Keeper", version = "1.0", periodic = "2ms")]
+pub struct Keeper {
+    /// Registers a region that is not there.
+    #[property(default = false)]
+    wild: bool,
+    region: Option<&'static AtomicU64>,
+    #[critical]
+    inside: u64,
+    told: bool,
+}
+
+impl Callbacks for Keeper {
+    fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
+        let number: &'static AtomicU64 = Box::leak(Box::default());
+        let address = if self.wild { std::ptr::without_provenance_mut(64) } else { number.as_ptr() };
+        // SAFETY: a number of 8 bytes that is never freed; or, on purpose, none.
+        cx.critical("outside", unsafe { std::slice::from_raw_parts_mut(address.cast(), 8) });
+        self.region = Some(number);
+        Ok(())
+    }
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        let Some(outside) = self.region else { return Err(fault!("no region")) };
+        let number = outside.fetch_add(1, Ordering::Relaxed);
+        if !std::mem::replace(&mut self.told, true) {
+            info!(cx, "keeper goes on from {number} and {}", self.inside);
+        }
+        self.inside += 1;
+        Ok(())
+    }
+}
+
 /// Does not return from each tenth `on_execute`, in one of several ways; or traps inside the C library.
 #[derive(Component)]
 #[component(name = "Stuck", version = "1.0", periodic = "2ms")]
@@ -192,4 +282,4 @@ fn stick(how: &str) {
     }
 }
 
-export_components!(Doomed, Stillborn, Stuck);
+export_components!(Doomed, Stillborn, Heir, Keeper, Stuck);

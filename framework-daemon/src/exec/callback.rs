@@ -12,7 +12,7 @@ use crate::port::check;
 use crate::sys::clock;
 use crate::sys::fiber::FiberPool;
 use crate::sys::foreign::{Event, Owner};
-use crate::sys::trap::Trap;
+use crate::sys::trap::{Site, Trap};
 
 /// What a callback is entered with.
 #[derive(Clone, Copy)]
@@ -132,12 +132,13 @@ fn trapped(trap: &Trap) -> Fault {
 
 /// The fault of a thread that a component started; `None`: it only ended.
 pub(super) fn astray(event: &Event, at_ns: u64) -> Option<Fault> {
-    let (symptom, evidence) = match event {
-        Event::Trapped(trap) => (crash::of_trap(trap), Evidence::Trap(trap.evidence)),
-        Event::Panicked(evidence) => (Symptom::CrashPanic, *evidence),
+    let (symptom, thread_lost, evidence) = match event {
+        // Elsewhere a lock may be held, and stays so.
+        Event::Trapped(trap) => (crash::of_trap(trap), trap.site == Site::Elsewhere, Evidence::Trap(trap.evidence)),
+        Event::Panicked(evidence) => (Symptom::CrashPanic, false, *evidence),
         Event::Ended => return None,
     };
-    Some(Fault { symptom, at_ns, detected_ns: clock::now_ns(), injected: false, thread_lost: false, evidence })
+    Some(Fault { symptom, at_ns, detected_ns: clock::now_ns(), injected: false, thread_lost, evidence })
 }
 
 /// A fault that was told by a text: what the component noted, or `text` where it noted nothing.

@@ -171,7 +171,9 @@ pub(super) extern "C-unwind" fn begin(birth: *mut c_void) -> *mut c_void {
     OWNER.set(owner);
     let top = (&raw const owner).addr();
     HERE.set(Some(Here { low: lower_end(), top, start: start as usize }));
-    start(argument)
+    let value = start(argument);
+    shield::end_copy();
+    value
 }
 
 /// Lower end of this thread's stack, its guard left out.

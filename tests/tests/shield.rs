@@ -139,6 +139,14 @@ fn a_components_own_thread_cannot_end_the_process() {
 }
 
 #[test]
+fn a_components_own_signal_handler_ends_alone_on_whatever_thread() {
+    contained("own handler null", "crash.segv");
+    contained("own handler null elsewhere", "crash.segv");
+    contained("own handler abort", "crash.abort");
+    contained("own handler exit", "crash.exit");
+}
+
+#[test]
 fn a_panic_on_a_components_own_thread_is_told_with_its_place() {
     contained("thread panic", "crash.panic");
     contained("thread double panic", "crash.abort");

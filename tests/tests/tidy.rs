@@ -38,6 +38,7 @@ const UNSAFE: &[&str] = &[
     "framework-daemon/src/sys/futex.rs",
     "framework-daemon/src/sys/heap.rs",
     "framework-daemon/src/sys/leaf.rs",
+    "framework-daemon/src/sys/shield/handlers.rs",
     "framework-daemon/src/sys/shield/leave.rs",
     "framework-daemon/src/sys/shield/mod.rs",
     "framework-daemon/src/sys/shield/replace.rs",

@@ -13,6 +13,9 @@ use std::sync::atomic::{AtomicBool, AtomicI32, AtomicPtr, Ordering};
 
 use super::{arch, foreign, trap};
 
+/// Handlers of plugins.
+pub mod handlers;
+
 /// The end of the process.
 pub mod leave;
 
@@ -45,6 +48,8 @@ pub(super) enum Caller {
     Fiber,
     /// A thread that a plugin started.
     Thread,
+    /// A plugin's own signal handler, on any thread.
+    Handler,
 }
 
 thread_local! {
@@ -105,11 +110,16 @@ fn own_process() -> i32 {
 
 /// Whose code calls on this thread.
 pub(super) fn caller() -> Caller {
-    let guest = match (trap::on_fiber(), foreign::is_here()) {
-        (true, _) => Caller::Fiber,
-        (false, true) => Caller::Thread,
-        (false, false) if LOADS.get() => Caller::Loader,
-        (false, false) => return Caller::Daemon,
+    let guest = if handlers::is_here() {
+        Caller::Handler
+    } else if trap::on_fiber() {
+        Caller::Fiber
+    } else if foreign::is_here() {
+        Caller::Thread
+    } else if LOADS.get() {
+        Caller::Loader
+    } else {
+        return Caller::Daemon;
     };
     // A child that shares our memory (`vfork`) has only its number of its own.
     let process = PROCESS.load(Ordering::Acquire);

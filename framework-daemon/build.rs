@@ -12,6 +12,18 @@ const SHIELDED: &[&str] = &[
     "_Exit",
     "quick_exit",
     "pause",
+    // replace
+    "execv",
+    "execvp",
+    "execve",
+    "execvpe",
+    "fexecve",
+    "daemon",
+    "err",
+    "errx",
+    "verr",
+    "verrx",
+    "error",
     // send
     "kill",
     "killpg",
@@ -31,12 +43,16 @@ const SHIELDED: &[&str] = &[
     "sighold",
     "sigprocmask",
     "pthread_sigmask",
-    "sigsuspend",
     "sigaltstack",
     // threads
     "pthread_create",
     "pthread_exit",
     "pthread_cancel",
+    // waits
+    "sigsuspend",
+    "ppoll",
+    "pselect",
+    "epoll_pwait",
 ];
 
 fn main() {

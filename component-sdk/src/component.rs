@@ -74,7 +74,7 @@ pub trait Component: Sized + Send + 'static {
 ///
 /// Order: `initialize`, `start`, then `on_execute` and `update` in turn, `stop`, `destroy`. A fault leads to
 /// `on_error` and `reset` of the same instance where it may still be entered, or to `initialize`, `recover`
-/// and `start` of its successor. Each returned error is a fault of the component.
+/// and `start` of its successor, which may have gone through `rehearse` long before. Each returned error is a fault of the component.
 #[allow(unused_variables, reason = "the names of default callbacks' arguments are documentation")]
 pub trait Callbacks: Component {
     /// Once, before anything else; ports may not be connected yet.
@@ -124,6 +124,13 @@ pub trait Callbacks: Component {
 
     /// This instance succeeds one that failed; comes between `initialize` and `start`.
     fn recover(&mut self, cx: &mut Context<'_>, fault: &FaultInfo<'_>) -> Outcome {
+        Ok(())
+    }
+
+    /// Once on an instance that is to stand ready, a secondary or a spare, after `initialize`: its ports read as empty
+    /// and what it writes goes nowhere. Touch what `on_execute` will touch (buffers, tables), so that the first
+    /// callback after a fault need not wait for memory; change nothing outside this instance.
+    fn rehearse(&mut self, cx: &mut Context<'_>) -> Outcome {
         Ok(())
     }
 }

@@ -161,6 +161,14 @@ impl<C: Callbacks> Bench<C> {
         self.enter(C::on_execute)
     }
 
+    /// Calls `rehearse`, as on an instance that is to stand ready.
+    ///
+    /// # Errors
+    /// The component's own.
+    pub fn rehearse(&mut self) -> Outcome {
+        self.enter(C::rehearse)
+    }
+
     /// Calls `stop`.
     ///
     /// # Errors

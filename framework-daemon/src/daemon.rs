@@ -1,5 +1,6 @@
 //! The main loop of `run`: boot, then signals until told to stop.
 
+use std::ffi::OsStr;
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -20,8 +21,8 @@ use crate::profile::plan::Plan;
 use crate::supervise::boot::{self, BootError};
 use crate::supervise::reload::reload;
 use crate::supervise::shutdown::shutdown;
-use crate::supervise::system::System;
-use crate::sys::foreign::{self, Report};
+use crate::supervise::system::{Placed, System};
+use crate::sys::foreign::{self, Owner, Report};
 use crate::sys::signals::{self, Request};
 use crate::sys::{fence, log_ring, shield, trap};
 
@@ -155,11 +156,18 @@ impl Daemon<'_> {
         self.stop();
     }
 
-    /// Hands a fault on a plugin's thread to the slot that started it.
+    /// Hands a fault on a plugin's thread to the slot that started it; one that the plugin started when it was loaded
+    /// belongs to all its slots.
     fn blame(&self, report: &Report) {
-        match self.system.slot(report.owner.slot) {
-            Some(placed) => placed.executor.blame(placed.member, *report),
-            None => tracing::error!("a thread of slot `{}`, which is gone, failed: {report:?}", report.owner.slot),
+        let plugin = report.plugin();
+        let is_blamed = |placed: &&Placed| match report.owner {
+            Owner::NONE => placed.plugins.iter().any(|each| each.file.file_name().and_then(OsStr::to_str) == plugin),
+            owner => placed.slot.name == owner.slot,
+        };
+        let blamed: Vec<_> = self.system.slots.iter().filter(is_blamed).collect();
+        blamed.iter().for_each(|placed| placed.executor.blame(placed.member, *report));
+        if blamed.is_empty() {
+            tracing::error!("a thread of nobody who is still there failed: {report:?}");
         }
     }
 
@@ -212,7 +220,7 @@ impl Daemon<'_> {
         self.manager.finish(SHUTDOWN_STEP);
         // Counters with what the way out added, states as they were before it.
         let slots: Vec<Value> = ending.iter().map(|(slot, state)| summary(slot, *state)).collect();
-        note(&self.journal, "stop", &json!({"slots": slots}));
+        note(&self.journal, "stop", &json!({"slots": slots, "lost_threads": foreign::lost_threads()}));
     }
 }
 

@@ -152,7 +152,9 @@ fn a_fault_that_a_component_raises_is_its_own_wherever_it_raises_it() {
 
 #[test]
 fn callbacks_after_a_fault_come_in_order() {
-    let profiles = Profiles::new(&application(&[slot("diary", "Diary", &rules("<severity>reset</severity>"))], &[]));
+    // Without a spare: the successor is made on the spot.
+    let rules = rules("<severity>reset</severity><spare preload=\"none\"/>");
+    let profiles = Profiles::new(&application(&[slot("diary", "Diary", &rules)], &[]));
     let mut daemon = run(&profiles, "diary", &["crash.panic", "crash.segv"]);
     let _ = daemon.journal("fault", 2);
     daemon.wait_for("hook recover");

@@ -58,7 +58,7 @@ fn handlers_masks_and_signal_stacks_stay_the_daemons() {
 
 #[test]
 fn the_end_of_the_process_is_the_end_of_a_callback() {
-    for deed in ["exit", "exit now", "pthread_exit"] {
+    for deed in ["exit", "exit now", "pthread_exit", "exec"] {
         contained(deed, "crash.exit");
     }
 }
@@ -83,6 +83,12 @@ fn system_calls_past_the_c_library_are_stopped() {
         contained(deed, "crash.segv");
     }
     contained("asm signal stack", "crash.stack");
+}
+
+#[test]
+fn a_trap_on_another_stack_is_the_callbacks() {
+    contained("asm own stack", "crash.segv");
+    contained("asm wild stack", "crash.segv");
 }
 
 #[test]

@@ -167,6 +167,7 @@ pub enum Hook {
     Error,
     Reset,
     Recover,
+    Rehearse,
 }
 
 /// What a callback is entered with.

@@ -154,6 +154,7 @@ fn enter<T: Callbacks>(component: &mut T, args: &CallArgs<'_>) -> Outcome {
         Hook::Error => component.on_error(cx, &fault),
         Hook::Reset => component.reset(cx),
         Hook::Recover => component.recover(cx, &fault),
+        Hook::Rehearse => component.rehearse(cx),
     }
 }
 

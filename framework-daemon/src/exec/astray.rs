@@ -4,7 +4,7 @@ use super::callback;
 use super::member::{Crew, Member};
 use crate::model::fault::Fault;
 use crate::model::lifecycle::State;
-use crate::sys::foreign::Report;
+use crate::sys::foreign::{Owner, Report};
 
 impl Member {
     /// Answers what happened on a thread of this slot. A thread that trapped takes its instance along, whose memory it
@@ -12,25 +12,26 @@ impl Member {
     pub fn blame(&mut self, report: &Report, crew: &mut Crew) {
         let Some(fault) = callback::astray(&report.event, report.at_ns) else { return };
         let is_lost = fault.symptom.loses_instance();
-        let unit = self.unit.as_mut().filter(|unit| unit.number == report.owner.instance);
+        let instance = report.owner.instance;
+        let unit = self.unit.as_mut().filter(|unit| unit.number == instance || instance == Owner::NONE.instance);
         let is_present = unit.is_some();
         unit.into_iter().for_each(|unit| unit.spent |= is_lost);
         match self.state() {
-            State::Active if is_present => self.handle(fault, crew),
-            _ if is_present && is_lost => self.lose(fault, crew),
-            _ => self.blame_standby(report.owner.instance, fault, crew),
+            State::Active if is_present => self.handle(&fault, crew),
+            _ if is_present && is_lost => self.lose(&fault, crew),
+            _ => self.blame_standby(instance, &fault, crew),
         }
     }
 
-    /// A standby is as lost as the instance in use; the next one is made when it is needed.
-    fn blame_standby(&mut self, instance: u64, fault: Fault, crew: &mut Crew) {
-        let units = self.standbys.iter_mut().map(|standby| &mut standby.unit);
-        let lost = units
-            .filter(|_| fault.symptom.loses_instance())
-            .find_map(|unit| unit.take_if(|unit| unit.number == instance));
-        if let Some(mut unit) = lost {
-            unit.spent = true;
-            self.dispose(unit, crew);
+    /// A standby or a spare is as lost as the instance in use; the next one is made when it is needed.
+    fn blame_standby(&mut self, instance: u64, fault: &Fault, crew: &mut Crew) {
+        if fault.symptom.loses_instance() {
+            let mut units = self.standbys.iter_mut().map(|standby| &mut standby.unit);
+            let standby = units.find_map(|unit| unit.take_if(|unit| unit.number == instance));
+            if let Some(mut unit) = standby.or_else(|| self.shelf.take_instance(instance)) {
+                unit.spent = true;
+                crew.dispose(&self.slot, unit);
+            }
         }
         self.note(fault, crew);
     }

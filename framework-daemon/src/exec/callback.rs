@@ -61,14 +61,14 @@ pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Resul
     let limits = parts.limits();
     let owner = Owner { slot, instance: parts.number() };
     let deadline_ns = clock::now_ns() + limits.of(Hook::Initialize);
-    let ended = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || built = Some(parts.build()));
+    // Nothing that is made on the fiber may need to be dropped: a trap would leak it.
+    let texts = parts.texts();
+    let ended = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || built = Some(parts.build(&texts)));
+    drop(texts);
     match (ended, built) {
         (Ok(()), Some(Ok(instance))) => Ok(parts.finish(instance)),
         (Ok(()), Some(Err((status, text)))) => Err(told(crash::of_status(status).unwrap_or(Symptom::Error), &text)),
-        (Err(fault), _) => {
-            parts.abandon();
-            Err(fault)
-        }
+        (Err(fault), _) => Err(fault),
         (Ok(()), None) => Err(told(Symptom::Error, "the constructor did not run")),
     }
 }

@@ -243,9 +243,7 @@ impl Run {
     }
 
     fn install(&mut self, mut member: Box<Member>) -> Result<usize, String> {
-        let recipes = std::iter::once(&member.recipe).chain(member.standbys.iter().map(|standby| &standby.recipe));
-        recipes.for_each(|recipe| self.crew.fibers.pulse().shorten(recipe.limits.hang_ns));
-        watchdog::look_again();
+        watchdog::expect(self.crew.fibers.pulse(), member.shelf.shortest_ns());
         if let Err(reason) = member.install(&mut self.crew) {
             member.destroy(&mut self.crew);
             return Err(reason);
@@ -297,6 +295,7 @@ impl Run {
 
     fn cycle(&mut self) {
         let now = clock::now_ns();
+        self.go_on_recovering(now);
         for place in 0..self.order.len() {
             let number = self.order[place];
             if self.is_due(number, now) {
@@ -308,6 +307,15 @@ impl Run {
         while let Some(number) = self.ran.pop() {
             if let Some(member) = &mut self.members[number] {
                 member.update(&mut self.crew);
+            }
+        }
+    }
+
+    /// Recoveries that failed and whose pause is over.
+    fn go_on_recovering(&mut self, now_ns: u64) {
+        for member in self.members.iter_mut().flatten() {
+            if member.breath.as_ref().is_some_and(|breath| breath.until_ns() <= now_ns) {
+                member.breathe_out(&mut self.crew);
             }
         }
     }
@@ -356,6 +364,7 @@ impl Run {
         let members = self.members.iter().flatten();
         let periodic =
             members.filter(|member| member.state() == State::Active && matches!(member.trigger, Trigger::Periodic(_)));
-        periodic.map(|member| member.next_due_ns).min()
+        let breaths = self.members.iter().flatten().filter_map(|member| member.breath.as_ref());
+        periodic.map(|member| member.next_due_ns).chain(breaths.map(|breath| breath.until_ns())).min()
     }
 }

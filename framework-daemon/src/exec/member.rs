@@ -7,13 +7,15 @@ use std::sync::atomic::Ordering;
 use component_sdk::abi::class::Hook;
 
 use super::callback::{self, Call};
+use super::recover::Breath;
 use super::slot::{Slot, Status};
 use super::trigger::Signal;
-use super::unit::{Recipe, Unit};
+use super::unit::Unit;
+use super::workshop::Shelf;
 use crate::model::fault::{Fault, FaultSender};
 use crate::model::ladder::Ladder;
 use crate::model::lifecycle::{Event, State};
-use crate::model::symptom::Symptom;
+use crate::port::output;
 use crate::profile::plan::{Preload, Trigger};
 use crate::sys::clock;
 use crate::sys::fiber::FiberPool;
@@ -30,8 +32,6 @@ pub struct Crew {
 
 /// A secondary of the slot.
 pub struct Standby {
-    /// How it is made.
-    pub recipe: Recipe,
     /// How far it is prepared.
     pub preload: Preload,
     /// The instance, where it is prepared that far.
@@ -48,8 +48,8 @@ pub struct Member {
     pub autostart: bool,
     /// Marks it ready.
     pub signal: Arc<Signal>,
-    /// How the instance in use is made.
-    pub recipe: Recipe,
+    /// How its instances are made, and those that are ready.
+    pub shelf: Arc<Shelf>,
     /// The rules.
     pub ladder: Ladder,
     /// Secondaries, in the ladder's order.
@@ -63,7 +63,9 @@ pub struct Member {
     /// Faults to provoke, one in each `on_execute`.
     pub inject: VecDeque<u8>,
     /// A fault that was raised while the instance was initialised or recovered; answered before it runs on.
-    pub early: Option<Box<Fault>>,
+    pub early: Option<Fault>,
+    /// A recovery that waits for its next try.
+    pub breath: Option<Box<Breath>>,
 }
 
 /// Idle fibers kept for a member's size of stack: one runs, one is there when the first is lost.
@@ -91,46 +93,34 @@ impl Member {
     /// The fault of a constructor or of `initialize`, and the class that it belongs to.
     pub fn install(&mut self, crew: &mut Crew) -> Result<(), String> {
         self.prepare_fibers(crew);
-        self.unit = Some(self.make(&self.recipe, crew).map_err(|fault| self.tell("instance", &fault))?);
-        self.early = callback::side_report().map(Box::new);
+        output::warm_up();
+        let unit = self.make(0, crew).map_err(|fault| self.tell("instance", &fault))?;
+        unit.open();
+        self.unit = Some(unit);
+        self.keep_side_report();
         self.step(Event::Initialize);
         for index in 0..self.standbys.len() {
             if self.standbys[index].preload == Preload::Instance {
-                let unit = self.make(&self.standbys[index].recipe, crew);
+                let unit = crew.prepare(&self.slot, self.shelf.recipe(index + 1));
                 self.standbys[index].unit = Some(unit.map_err(|fault| self.tell("secondary", &fault))?);
-                self.early = self.early.take().or_else(|| callback::side_report().map(Box::new));
+                self.keep_side_report();
             }
         }
+        self.shelf.order();
         Ok(())
     }
 
     fn tell(&self, what: &str, fault: &Fault) -> String {
         let (slot, symptom) = (self.slot.name, fault.symptom.name());
-        format!("slot {slot}: its {what} cannot be initialised: {symptom}: {}", fault.evidence.message().as_str())
+        format!("slot {slot}: its {what} cannot be initialised: {symptom}: {}", fault.evidence.text())
     }
 
-    /// An initialised instance after a recipe.
+    /// An initialised instance after the slot's recipe of that number.
     ///
     /// # Errors
     /// The fault of its constructor or of `initialize`.
-    pub fn make(&self, recipe: &Recipe, crew: &mut Crew) -> Result<Unit, Fault> {
-        let parts = recipe.gather(&self.slot).map_err(|text| callback::told(Symptom::Error, &text))?;
-        let mut unit = callback::create(&mut crew.fibers, self.slot.name, parts)?;
-        match self.enter_unit(&mut unit, Call::plain(Hook::Initialize), crew) {
-            Ok(()) => Ok(unit),
-            Err(fault) => {
-                self.dispose(unit, crew);
-                Err(fault)
-            }
-        }
-    }
-
-    /// Enters a callback of any unit of this slot.
-    ///
-    /// # Errors
-    /// The fault that ended it.
-    pub fn enter_unit(&self, unit: &mut Unit, call: Call<'_>, crew: &mut Crew) -> Result<(), Fault> {
-        callback::enter(&mut crew.fibers, self.slot.name, unit, call)
+    pub fn make(&self, number: usize, crew: &mut Crew) -> Result<Unit, Fault> {
+        crew.make(&self.slot, self.shelf.recipe(number))
     }
 
     /// Enters a callback of the instance in use.
@@ -139,15 +129,7 @@ impl Member {
     /// The fault that ended it.
     pub fn enter(&mut self, call: Call<'_>, crew: &mut Crew) -> Result<(), Fault> {
         let Some(unit) = self.unit.as_mut() else { return Ok(()) };
-        callback::enter(&mut crew.fibers, self.slot.name, unit, call)
-    }
-
-    /// Gets rid of a unit of this slot.
-    pub fn dispose(&self, unit: Unit, crew: &mut Crew) {
-        if !callback::dispose(&mut crew.fibers, self.slot.name, unit) {
-            Status::count(&self.slot.status.quarantined);
-            crew.lost = true;
-        }
+        crew.enter(&self.slot, unit, call)
     }
 
     /// `start`: the slot becomes active.
@@ -157,7 +139,7 @@ impl Member {
         }
         match self.enter_start(crew) {
             Ok(()) => self.answer_side_report(crew),
-            Err(fault) => self.handle(fault, crew),
+            Err(fault) => self.handle(&fault, crew),
         }
         if self.state() == State::Active {
             self.begin();
@@ -178,8 +160,8 @@ impl Member {
     /// What was raised where it could not be answered: answered now, unless the slot has stopped meanwhile.
     fn answer_early(&mut self, crew: &mut Crew) {
         match self.early.take() {
-            Some(fault) if self.state() == State::Active => self.handle(*fault, crew),
-            Some(fault) => self.note(*fault, crew),
+            Some(fault) if self.state() == State::Active => self.handle(&fault, crew),
+            Some(fault) => self.note(&fault, crew),
             None => {}
         }
     }
@@ -210,7 +192,7 @@ impl Member {
         let began = clock::now_ns();
         match self.enter(Call { inject, ..Call::plain(Hook::Execute) }, crew) {
             Ok(()) => self.completed(clock::now_ns() - began, crew),
-            Err(fault) => self.handle(fault, crew),
+            Err(fault) => self.handle(&fault, crew),
         }
         // It took one value of several: the others are news, too. One that takes nothing is not asked again.
         if self.trigger == Trigger::Nonperiodic && (1..queued).contains(&self.queued()) {
@@ -226,10 +208,11 @@ impl Member {
         Status::count(&self.slot.status.cycles);
         self.slot.status.longest_ns.fetch_max(took_ns, Ordering::Relaxed);
         self.answer_side_report(crew);
-        if let Some(fault) = self.recipe.limits.late(took_ns)
+        let limits = self.unit.as_ref().map(|unit| unit.limits);
+        if let Some(fault) = limits.and_then(|limits| limits.late(took_ns))
             && self.state() == State::Active
         {
-            self.handle(fault, crew);
+            self.handle(&fault, crew);
         }
     }
 
@@ -240,24 +223,25 @@ impl Member {
         }
         match self.enter(Call::plain(Hook::Update), crew) {
             Ok(()) => self.answer_side_report(crew),
-            Err(fault) => self.handle(fault, crew),
+            Err(fault) => self.handle(&fault, crew),
         }
     }
 
     fn answer_side_report(&mut self, crew: &mut Crew) {
         if let Some(fault) = callback::side_report() {
-            self.handle(fault, crew);
+            self.handle(&fault, crew);
         }
     }
 
     /// `stop`: the slot becomes inactive.
     pub fn stop(&mut self, crew: &mut Crew) {
+        self.give_up(crew);
         if !self.step(Event::Stop) {
             return;
         }
         match self.enter(Call::plain(Hook::Stop), crew) {
             Ok(()) => self.note_side_report(crew),
-            Err(fault) => self.lose(fault, crew),
+            Err(fault) => self.lose(&fault, crew),
         }
     }
 
@@ -267,30 +251,32 @@ impl Member {
         if self.step(Event::Destroy)
             && let Err(fault) = self.enter(Call::plain(Hook::Destroy), crew)
         {
-            self.lose(fault, crew);
+            self.lose(&fault, crew);
         }
-        let standbys = std::mem::take(&mut self.standbys);
-        for unit in self.unit.take().into_iter().chain(standbys.into_iter().filter_map(|standby| standby.unit)) {
-            self.dispose(unit, crew);
+        if let Some(unit) = self.unit.take() {
+            crew.dispose(&self.slot, unit);
+        }
+        let standbys = std::mem::take(&mut self.standbys).into_iter().filter_map(|standby| standby.unit);
+        for unit in standbys.chain(self.shelf.close()) {
+            crew.end(&self.slot, unit);
         }
         crew.fibers.bury();
     }
 
     /// A fault on the way out: there is nothing left to recover.
-    pub(super) fn lose(&mut self, fault: Fault, crew: &mut Crew) {
+    pub(super) fn lose(&mut self, fault: &Fault, crew: &mut Crew) {
         self.step(Event::Fault);
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
-            self.dispose(unit, crew);
+            crew.dispose(&self.slot, unit);
         }
         self.report_stop(fault, crew);
     }
 
     /// Sees to it that a recovery finds its fibers.
     pub fn prepare_fibers(&self, crew: &mut Crew) {
-        let sizes = std::iter::once(&self.recipe).chain(self.standbys.iter().map(|standby| &standby.recipe));
-        for recipe in sizes {
+        for stack_bytes in self.shelf.stacks() {
             // Out of address space: the next callback says so.
-            let _ = crew.fibers.prepare(recipe.limits.stack_bytes, READY_FIBERS);
+            let _ = crew.fibers.prepare(stack_bytes, READY_FIBERS);
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Data path, second half: `trigger -> executor -> callback`; and the fault path's answer on the spot: `recover`.
 //!
 //! What an executor runs belongs to its schedule, not to its thread: members, their instances, standbys and rules are
-//! touched by that one thread only and need no lock. Everybody else sends commands.
+//! touched by that one thread only and need no lock. Everybody else sends commands. Spares come from the `workshop`, over
+//! queues that nobody waits for.
 
 /// The one place where a callback is entered: fiber, injection, outcome.
 pub mod callback;
@@ -15,6 +16,9 @@ pub mod member;
 /// Faults on threads that a component started.
 pub mod astray;
 
+/// Instances come and go: constructor and `initialize`, `stop`, `destroy` and the drop.
+pub mod prepare;
+
 /// The local answer to a fault: reset, replace or stop, at once.
 pub mod recover;
 
@@ -26,3 +30,6 @@ pub mod trigger;
 
 /// An instance with its bindings, and the recipe for another one.
 pub mod unit;
+
+/// One background thread prepares spares, and clears away what recoveries leave.
+pub mod workshop;

@@ -9,13 +9,13 @@ use abi_stable::std_types::RStr;
 use component_sdk::abi::class::{FaultArgs, Hook};
 
 use super::callback::{self, Call};
-use super::member::{Crew, Member};
+use super::member::{Crew, Member, nanoseconds};
 use super::slot::Status;
 use super::unit::Unit;
-use crate::model::fault::{Fault, FaultEvent, Outcome, ShortText, Times};
+use crate::model::fault::{Fault, FaultEvent, FaultSender, Outcome, Times};
 use crate::model::ladder::Answer;
-use crate::model::lifecycle::Event;
-use crate::model::limits::RECOVERY_STEPS_MAX;
+use crate::model::lifecycle::{Event, State};
+use crate::model::limits::{BREATH_MAX, BREATH_MIN, BREATHLESS_FAILURES, RECOVERY_STEPS_MAX};
 use crate::profile::plan::Trigger;
 use crate::sys::clock;
 
@@ -37,23 +37,47 @@ enum Step {
     Failed(Fault),
 }
 
+/// A way up the ladder: where it began and how far it got.
+pub struct Climb {
+    /// Class of the instance that failed first.
+    class: &'static str,
+    /// The step that is tried next.
+    answer: Answer,
+    /// What the last failed try ended with.
+    second: Option<Fault>,
+    failures: usize,
+    times: Times,
+}
+
+/// A recovery that failed more than once: the next try waits, and the executor runs its other slots meanwhile.
+pub struct Breath {
+    fault: Fault,
+    climb: Climb,
+    until_ns: u64,
+}
+
+impl Breath {
+    /// When the next try is due.
+    #[must_use]
+    pub const fn until_ns(&self) -> u64 {
+        self.until_ns
+    }
+}
+
 impl Member {
     /// Answers a fault of this slot.
-    pub fn handle(&mut self, fault: Fault, crew: &mut Crew) {
+    pub fn handle(&mut self, fault: &Fault, crew: &mut Crew) {
         Status::count(&self.slot.status.faults);
         let class = self.slot.status.class();
-        let answer = self.look_up(&fault);
-        let mut times = Times { decided_ns: since(&fault), ..Times::default() };
+        let answer = self.look_up(fault);
+        let times = Times { decided_ns: since(fault), ..Times::default() };
         if answer == Answer::Ignore {
             self.tell_manager(fault, class, answer, Outcome::Ignored, times, crew);
             return;
         }
         self.step(Event::Fault);
         self.slot.outputs.iter().for_each(|port| port.forget_episodes());
-        let (last, outcome) = self.climb(&fault, answer, &mut times, crew);
-        self.tell_manager(fault, class, last, outcome, times, crew);
-        crew.fibers.bury();
-        self.prepare_fibers(crew);
+        self.climb(fault, Climb { class, answer, second: None, failures: 0, times }, crew);
     }
 
     /// An instance that cannot be entered again cannot be ignored either.
@@ -64,41 +88,78 @@ impl Member {
         }
     }
 
-    /// Walks the ladder until a step holds. A step that fails is followed by a further one, never by the same: nothing
-    /// loops.
-    fn climb(&mut self, fault: &Fault, first: Answer, times: &mut Times, crew: &mut Crew) -> (Answer, Outcome) {
-        let (mut answer, mut cause) = (first, *fault);
-        for _ in 0..RECOVERY_STEPS_MAX {
-            let step = match answer {
-                Answer::Reset => self.reset(&cause, fault, times, crew),
-                Answer::Replace => self.replace(&cause, fault, times, crew),
-                Answer::Stop | Answer::Ignore => self.fault_stop(&cause, crew),
+    /// Walks the ladder until a step holds. A step that fails is followed by a further one, never by the same; the first
+    /// further one at once, the others after a pause: nothing loops, and commands and other slots have their turn.
+    fn climb(&mut self, fault: &Fault, mut climb: Climb, crew: &mut Crew) {
+        loop {
+            let cause = climb.second.as_ref().unwrap_or(fault);
+            let step = match climb.answer {
+                Answer::Reset => self.reset(cause, fault, &mut climb.times, crew),
+                Answer::Replace => self.replace(cause, fault, &mut climb.times, crew),
+                Answer::Stop | Answer::Ignore | Answer::Prepare => self.fault_stop(cause, crew),
             };
+            let Climb { class, answer, times, .. } = climb;
             match step {
-                Step::Works => return (answer, Outcome::Recovered),
-                Step::Stopped => return (Answer::Stop, Outcome::Stopped),
+                Step::Works => self.tell_manager(fault, class, answer, Outcome::Recovered, times, crew),
+                Step::Stopped => self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, times, crew),
                 Step::Failed(second) => {
-                    Status::count(&self.slot.status.faults);
-                    let class = self.slot.status.class();
-                    self.tell_manager(second, class, answer, Outcome::Failed, Times::default(), crew);
-                    answer = self.ladder.further();
-                    cause = second;
+                    self.fail(&second, answer, crew);
+                    climb.answer =
+                        if climb.failures < RECOVERY_STEPS_MAX { self.ladder.further() } else { Answer::Stop };
+                    climb.second = Some(second);
+                    climb.failures += 1;
+                    if climb.answer == Answer::Stop || climb.failures <= BREATHLESS_FAILURES {
+                        continue;
+                    }
+                    self.breathe(fault, climb);
                 }
             }
+            break;
         }
-        self.fault_stop(&cause, crew);
-        (Answer::Stop, Outcome::Stopped)
+        crew.fibers.bury();
+        self.prepare_fibers(crew);
+        self.shelf.order();
     }
 
-    /// The same instance where it is sound; a fresh one of its class else.
+    /// A recovery failed itself.
+    fn fail(&self, second: &Fault, answer: Answer, crew: &Crew) {
+        Status::count(&self.slot.status.faults);
+        self.tell_manager(second, self.slot.status.class(), answer, Outcome::Failed, Times::default(), crew);
+    }
+
+    /// The next try waits, longer each time.
+    fn breathe(&mut self, fault: &Fault, climb: Climb) {
+        let doublings = (climb.failures - BREATHLESS_FAILURES).min(16) as u32 - 1;
+        let pause = BREATH_MIN.saturating_mul(1 << doublings).min(BREATH_MAX);
+        let until_ns = clock::now_ns() + nanoseconds(pause);
+        self.breath = Some(Box::new(Breath { fault: *fault, climb, until_ns }));
+    }
+
+    /// The pause after a failed recovery is over.
+    pub fn breathe_out(&mut self, crew: &mut Crew) {
+        let Some(breath) = self.breath.take() else { return };
+        self.climb(&breath.fault, breath.climb, crew);
+        if self.state() == State::Active {
+            self.begin();
+        }
+    }
+
+    /// A stop wins over a recovery that waits for its next try.
+    pub(super) fn give_up(&mut self, crew: &Crew) {
+        if let Some(breath) = self.breath.take() {
+            let Climb { class, times, .. } = breath.climb;
+            self.tell_manager(&breath.fault, class, Answer::Stop, Outcome::Stopped, times, crew);
+        }
+    }
+
+    /// The same instance where it is sound; a spare or, where none is ready, a fresh one of its class else.
     fn reset(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
         if self.unit.as_ref().is_none_or(|unit| unit.spent) {
-            let fresh = self.make(&self.recipe, crew);
-            return self.succeed(fresh, cause, fault, times, crew);
+            let successor = self.shelf.take().map_or_else(|| self.make(self.shelf.in_use(), crew), Ok);
+            return self.succeed(successor, cause, fault, times, crew);
         }
-        let (text, hooks) = (cause.evidence.message(), [Hook::Error, Hook::Reset]);
-        for hook in hooks {
-            let args = told(self.slot.name, cause, &text);
+        for hook in [Hook::Error, Hook::Reset] {
+            let args = told(self.slot.name, cause);
             if let Err(second) = self.enter(Call { hook, inject: 0, fault: args }, crew) {
                 return Step::Failed(second);
             }
@@ -119,8 +180,8 @@ impl Member {
     fn replace(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
         let Some(index) = self.ladder.secondary() else { return self.fault_stop(cause, crew) };
         let ready = self.standbys[index].unit.take();
-        let unit = ready.map_or_else(|| self.make(&self.standbys[index].recipe, crew), Ok);
-        self.recipe = self.standbys[index].recipe.clone();
+        self.shelf.follow(index + 1);
+        let unit = ready.map_or_else(|| self.make(index + 1, crew), Ok);
         self.succeed(unit, cause, fault, times, crew)
     }
 
@@ -137,24 +198,30 @@ impl Member {
             Ok(unit) => unit,
             Err(second) => return Step::Failed(second),
         };
-        self.slot.status.set_class(unit.class);
+        self.slot.status.set_class(unit.recipe);
+        self.unit.iter().for_each(Unit::close);
+        unit.open();
         let old = self.unit.replace(unit);
         let step = self.take_over(cause, fault, times, crew);
-        // The old one's end is nobody's hurry. A sound one ends in order; what it does about that changes nothing any more.
-        if let Some(mut old) = old {
-            for hook in [Hook::Stop, Hook::Destroy] {
-                if !old.spent && (hook == Hook::Destroy || old.started) {
-                    let _ = self.enter_unit(&mut old, Call::plain(hook), crew);
-                }
-            }
-            self.dispose(old, crew);
+        // The old one's end is nobody's hurry.
+        if let Some(old) = old {
+            self.clear(old, crew);
         }
         step
     }
 
+    /// Leaves a unit to the workshop.
+    fn clear(&self, unit: Unit, crew: &mut Crew) {
+        if unit.spent {
+            Status::count(&self.slot.status.quarantined);
+        }
+        if let Err(unit) = self.shelf.clear(unit) {
+            crew.end(&self.slot, *unit);
+        }
+    }
+
     fn take_over(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
-        let text = cause.evidence.message();
-        let args = told(self.slot.name, cause, &text);
+        let args = told(self.slot.name, cause);
         if let Err(second) = self.enter(Call { hook: Hook::Recover, inject: 0, fault: args }, crew) {
             return Step::Failed(second);
         }
@@ -192,39 +259,43 @@ impl Member {
     /// The slot stops. A sound instance is told why and kept, so that it can be destroyed in order.
     fn fault_stop(&mut self, cause: &Fault, crew: &mut Crew) -> Step {
         if self.unit.as_ref().is_some_and(|unit| !unit.spent) {
-            let text = cause.evidence.message();
-            let call = Call { hook: Hook::Error, inject: 0, fault: told(self.slot.name, cause, &text) };
+            let call = Call { hook: Hook::Error, inject: 0, fault: told(self.slot.name, cause) };
             // What it does about it changes nothing any more.
             let _ = self.enter(call, crew);
         }
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
-            self.dispose(unit, crew);
+            unit.close();
+            self.clear(unit, crew);
         }
         Step::Stopped
     }
 
     /// A fault that only stops.
-    pub(super) fn report_stop(&mut self, fault: Fault, crew: &mut Crew) {
+    pub(super) fn report_stop(&mut self, fault: &Fault, crew: &mut Crew) {
         Status::count(&self.slot.status.faults);
-        let times = Times { decided_ns: since(&fault), ..Times::default() };
+        let times = Times { decided_ns: since(fault), ..Times::default() };
         let class = self.slot.status.class();
         self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, times, crew);
     }
 
     /// What a callback of the recovery raised is answered before the slot runs on; the next callback would erase it.
-    fn keep_side_report(&mut self) {
-        self.early = self.early.take().or_else(|| callback::side_report().map(Box::new));
+    pub(super) fn keep_side_report(&mut self) {
+        if self.early.is_none()
+            && let Some(fault) = callback::side_report()
+        {
+            self.early = Some(fault);
+        }
     }
 
     /// What was raised on the way out, where nothing follows from it any more.
     pub(super) fn note_side_report(&mut self, crew: &mut Crew) {
         if let Some(fault) = callback::side_report() {
-            self.note(fault, crew);
+            self.note(&fault, crew);
         }
     }
 
     /// A fault that is only written down.
-    pub(super) fn note(&mut self, fault: Fault, crew: &mut Crew) {
+    pub(super) fn note(&mut self, fault: &Fault, crew: &mut Crew) {
         Status::count(&self.slot.status.faults);
         let class = self.slot.status.class();
         self.tell_manager(fault, class, Answer::Ignore, Outcome::Ignored, Times::default(), crew);
@@ -232,7 +303,7 @@ impl Member {
 
     fn tell_manager(
         &self,
-        fault: Fault,
+        fault: &Fault,
         class: &'static str,
         answer: Answer,
         outcome: Outcome,
@@ -243,17 +314,22 @@ impl Member {
         let event = FaultEvent {
             slot: self.slot.name,
             class,
-            fault,
+            fault: *fault,
             severity: self.ladder.severity(fault.symptom),
             answer,
             successor: (outcome != Outcome::Stopped).then(|| self.slot.status.class()),
             outcome,
             times,
         };
-        // A full queue loses the entry, not the recovery; the manager writes down how many it did not get.
-        if crew.faults.try_send(event).is_err() {
-            LOST.fetch_add(1, Ordering::Relaxed);
-        }
+        send(&crew.faults, event);
+    }
+}
+
+/// Hands an event to the fault manager. A full queue loses the entry, not the recovery; the manager writes down how many
+/// it did not get.
+pub(super) fn send(faults: &FaultSender, event: FaultEvent) {
+    if faults.try_send(event).is_err() {
+        LOST.fetch_add(1, Ordering::Relaxed);
     }
 }
 
@@ -261,10 +337,10 @@ fn since(fault: &Fault) -> u64 {
     clock::now_ns().saturating_sub(fault.at_ns)
 }
 
-fn told<'a>(slot: &'a str, fault: &Fault, text: &'a ShortText) -> FaultArgs<'a> {
+fn told<'a>(slot: &'a str, fault: &'a Fault) -> FaultArgs<'a> {
     FaultArgs {
         symptom: RStr::from_str(fault.symptom.name()),
         slot: RStr::from_str(slot),
-        message: RStr::from_str(text.as_str()),
+        message: RStr::from_str(fault.evidence.text()),
     }
 }

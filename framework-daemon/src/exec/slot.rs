@@ -1,7 +1,7 @@
 //! A slot as everybody sees it: name, ports, counters. The instance that fills it may change; this stays.
 
-use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, AtomicU64, AtomicUsize, Ordering};
 
 use crate::model::lifecycle::State;
 use crate::port::border::PortEnd;
@@ -44,7 +44,9 @@ impl Slot {
 #[derive(Debug)]
 pub struct Status {
     state: AtomicU8,
-    class: Mutex<&'static str>,
+    /// Names of the classes that may fill it; the first is the primary's.
+    classes: Box<[&'static str]>,
+    class: AtomicUsize,
     /// Completed `on_execute`.
     pub cycles: AtomicU64,
     /// Periods that began too late and were left out.
@@ -58,12 +60,13 @@ pub struct Status {
 }
 
 impl Status {
-    /// Of a slot that an instance of `class` fills.
+    /// Of a slot that instances of these classes may fill, the first one at first.
     #[must_use]
-    pub const fn new(class: &'static str) -> Self {
+    pub fn new(classes: Vec<&'static str>) -> Self {
         Self {
             state: AtomicU8::new(State::Created as u8),
-            class: Mutex::new(class),
+            classes: classes.into(),
+            class: AtomicUsize::new(0),
             cycles: AtomicU64::new(0),
             missed: AtomicU64::new(0),
             faults: AtomicU64::new(0),
@@ -86,12 +89,12 @@ impl Status {
     /// The class of the instance that fills it.
     #[must_use]
     pub fn class(&self) -> &'static str {
-        *self.class.lock().unwrap_or_else(PoisonError::into_inner)
+        self.classes.get(self.class.load(Ordering::Acquire)).copied().unwrap_or_default()
     }
 
-    /// Sets the class.
-    pub fn set_class(&self, class: &'static str) {
-        *self.class.lock().unwrap_or_else(PoisonError::into_inner) = class;
+    /// Sets the class, by its number.
+    pub fn set_class(&self, number: usize) {
+        self.class.store(number, Ordering::Release);
     }
 
     /// Counts one.

@@ -1,7 +1,6 @@
 //! An instance with its bindings, and the recipe for another one.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use abi_stable::std_types::RStr;
@@ -14,15 +13,13 @@ use crate::model::fault::{Evidence, Fault};
 use crate::model::limits::{HANG, HANG_AT_START, HANG_AT_STOP, STACK_BYTES};
 use crate::model::symptom::Symptom;
 use crate::plugin::Class;
-use crate::plugin::instance::Instance;
+use crate::plugin::instance::{self, Instance};
 use crate::port::border::Binding;
 use crate::profile::plan::Execution;
 use crate::sys::clock;
 
 /// Finds and loads a class when it is needed: `preload="none"`.
 pub type Loader = Arc<dyn Fn() -> Result<Class, String> + Send + Sync>;
-
-static NUMBERS: AtomicU64 = AtomicU64::new(1);
 
 /// Where a class comes from.
 #[derive(Clone)]
@@ -36,6 +33,10 @@ pub enum Source {
 /// How an instance for a slot is made.
 #[derive(Clone)]
 pub struct Recipe {
+    /// Its number on the slot's shelf.
+    pub number: usize,
+    /// Name of its class.
+    pub class_name: &'static str,
     /// Its class.
     pub source: Source,
     /// Property texts by name; the class's defaults hold for the others.
@@ -91,7 +92,9 @@ impl Limits {
         match hook {
             Hook::Initialize | Hook::Start => HANG_AT_START.as_nanos() as u64,
             Hook::Stop | Hook::Destroy => HANG_AT_STOP.as_nanos() as u64,
-            Hook::Execute | Hook::Update | Hook::Event | Hook::Error | Hook::Reset | Hook::Recover => self.hang_ns,
+            Hook::Execute | Hook::Update | Hook::Event | Hook::Error | Hook::Reset | Hook::Recover | Hook::Rehearse => {
+                self.hang_ns
+            }
         }
     }
 }
@@ -104,22 +107,25 @@ pub struct Unit {
     pub number: u64,
     /// Its class's name.
     pub class: &'static str,
+    /// Number of the slot's recipe that it was made after.
+    pub recipe: usize,
     /// What its callbacks may take.
     pub limits: Limits,
     /// It trapped: it may never be entered or dropped again.
     pub spent: bool,
     /// Its `start` went well.
     pub started: bool,
-    bindings: Vec<Arc<Binding>>,
+    bindings: Vec<Binding>,
 }
 
 /// All that is there before the constructor runs.
 pub struct Parts {
     number: u64,
     class: Class,
-    bindings: Vec<Arc<Binding>>,
+    bindings: Vec<Binding>,
     handles: Vec<PortHandle>,
     properties: Vec<String>,
+    recipe: usize,
     limits: Limits,
 }
 
@@ -142,11 +148,11 @@ impl Recipe {
     pub fn gather(&self, slot: &Slot) -> Result<Parts, String> {
         let class = self.class()?;
         let decl = &class.exported().decl;
-        let bindings = bind(decl, slot)?;
+        let number = instance::next_number();
+        let bindings = bind(decl, slot, number)?;
         let handles = bindings.iter().map(Binding::handle).collect();
         let properties = decl.properties.iter().map(|property| self.property(property)).collect();
-        let number = NUMBERS.fetch_add(1, Ordering::Relaxed);
-        Ok(Parts { number, class, bindings, handles, properties, limits: self.limits })
+        Ok(Parts { number, class, bindings, handles, properties, recipe: self.number, limits: self.limits })
     }
 
     fn property(&self, decl: &component_sdk::abi::class::PropertyDecl) -> String {
@@ -155,12 +161,13 @@ impl Recipe {
     }
 }
 
-fn bind(decl: &ClassDecl, slot: &Slot) -> Result<Vec<Arc<Binding>>, String> {
+fn bind(decl: &ClassDecl, slot: &Slot, instance: u64) -> Result<Vec<Binding>, String> {
     decl.ports
         .iter()
         .map(|port| {
             let end = slot.end(port.name.as_str(), port.direction == Direction::Input);
-            end.map(Binding::new).ok_or_else(|| format!("class {}: the slot has no port `{}`", decl.name, port.name))
+            let end = end.ok_or_else(|| format!("class {}: the slot has no port `{}`", decl.name, port.name))?;
+            Binding::new(end, instance).ok_or_else(|| "no port handle is left".to_owned())
         })
         .collect()
 }
@@ -170,9 +177,14 @@ impl Parts {
     ///
     /// # Errors
     /// How the constructor ended, and its text.
-    pub fn build(&self) -> Result<Instance, (CallStatus, String)> {
-        let texts: Vec<RStr<'_>> = self.properties.iter().map(|text| RStr::from_str(text)).collect();
-        Instance::create(self.class.exported(), &self.handles, &texts)
+    pub fn build(&self, texts: &[RStr<'_>]) -> Result<Instance, (CallStatus, String)> {
+        Instance::create(self.number, self.class.exported(), &self.handles, texts)
+    }
+
+    /// Property texts in the class's order, as the constructor gets them.
+    #[must_use]
+    pub fn texts(&self) -> Vec<RStr<'_>> {
+        self.properties.iter().map(|text| RStr::from_str(text)).collect()
     }
 
     /// The unit, once the instance is there.
@@ -182,6 +194,7 @@ impl Parts {
             instance,
             number: self.number,
             class: self.class.name(),
+            recipe: self.recipe,
             limits: self.limits,
             spent: false,
             started: false,
@@ -206,32 +219,22 @@ impl Parts {
     pub fn class_name(&self) -> &'static str {
         self.class.name()
     }
-
-    /// The constructor trapped: what it was given may still be in somebody's hands.
-    pub fn abandon(self) {
-        close(&self.bindings);
-        #[allow(clippy::mem_forget, reason = "handles of a constructor that trapped must stay valid")]
-        std::mem::forget(self.bindings);
-    }
 }
 
 impl Unit {
-    /// The instance trapped: its ports are closed, it is never entered again, and nothing of it is freed.
+    /// The instance trapped: it is never entered again, and nothing of it is freed, because its memory may be
+    /// half-changed. What the daemon had for it is.
     pub fn quarantine(self) {
-        close(&self.bindings);
-        #[allow(
-            clippy::mem_forget,
-            reason = "a quarantined instance is never dropped: its memory may be half-changed"
-        )]
-        std::mem::forget(self);
+        self.bindings.iter().for_each(Binding::forget_scratch);
     }
 
-    /// Closes its ports before it is destroyed.
+    /// It takes the slot over: its ports lead somewhere.
+    pub fn open(&self) {
+        self.bindings.iter().for_each(Binding::open);
+    }
+
+    /// It left the slot: its ports are closed.
     pub fn close(&self) {
-        close(&self.bindings);
+        self.bindings.iter().for_each(Binding::close);
     }
-}
-
-fn close(bindings: &[Arc<Binding>]) {
-    bindings.iter().for_each(|binding| binding.close());
 }

@@ -60,8 +60,7 @@ fn run(inbox: &Receiver<FaultEvent>, journal: &SharedJournal) {
 fn tell(event: &FaultEvent) {
     let FaultEvent { slot, class, fault, .. } = event;
     let symptom = fault.symptom.name();
-    let message = fault.evidence.message();
-    let message = message.as_str();
+    let message = fault.evidence.text();
     match event.outcome {
         Outcome::Recovered => {
             let took = event.times.first_callback_ns.unwrap_or_default() as f64 / 1e3;
@@ -80,6 +79,7 @@ fn tell(event: &FaultEvent) {
 fn action(event: &FaultEvent) -> &'static str {
     match event.answer {
         crate::model::ladder::Answer::Replace => "replacement",
+        crate::model::ladder::Answer::Prepare => "spare",
         _ => "reset",
     }
 }

@@ -126,14 +126,14 @@ pub struct TrapEvidence {
 }
 
 impl Evidence {
-    /// The text handed to `on_error` and `recover`.
+    /// The text handed to `on_error` and `recover`: no copy, because a recovery waits for it.
     #[must_use]
-    pub fn message(&self) -> ShortText {
+    pub fn text(&self) -> &str {
         match self {
-            Self::Trap(trap) => ShortText::new(trap.signal_name()),
-            Self::Panic { message, .. } | Self::Text { message } => *message,
-            Self::Value { field, .. } => *field,
-            Self::Time { .. } => ShortText::new("it returned late"),
+            Self::Trap(trap) => trap.signal_name(),
+            Self::Panic { message, .. } | Self::Text { message } => message.as_str(),
+            Self::Value { field, .. } => field.as_str(),
+            Self::Time { .. } => "it returned late",
         }
     }
 }

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::limits::RESETS_MAX;
+use super::limits::{RESETS_DEFAULT, RESETS_MAX, RESETS_WINDOW};
 use super::symptom::{Severity, SeverityTable, Symptom};
 
 /// What is done about a fault.
@@ -23,6 +23,8 @@ pub enum Answer {
     Replace,
     /// The slot stops.
     Stop,
+    /// A spare was to be prepared; the slot itself was not touched.
+    Prepare,
 }
 
 /// The rules of one slot with their memory.
@@ -38,10 +40,11 @@ pub struct Ladder {
 }
 
 impl Ladder {
-    /// Rules with `limit` resets within `within` (none without an intensity) and that many secondaries.
+    /// Rules with `limit` resets within `within` and that many secondaries. Without an intensity a default holds: a slot
+    /// that fails again and again must not be reset for ever.
     #[must_use]
     pub fn new(severity: SeverityTable, intensity: Option<(u32, Duration)>, secondaries: usize) -> Self {
-        let (limit, within) = intensity.unwrap_or((RESETS_MAX, Duration::ZERO));
+        let (limit, within) = intensity.unwrap_or((RESETS_DEFAULT, RESETS_WINDOW));
         let limit = limit.min(RESETS_MAX) as usize;
         Self {
             severity,
@@ -127,6 +130,15 @@ mod tests {
     }
 
     #[test]
+    fn without_an_intensity_resets_are_bounded_all_the_same() {
+        let mut severity = SeverityTable::opros_default();
+        severity.set(Symptom::CrashSegv, Severity::Reset);
+        let mut ladder = Ladder::new(severity, None, 0);
+        let resets = (0..100).take_while(|at| ladder.answer(Symptom::CrashSegv, *at) == Answer::Reset).count();
+        assert_eq!(resets, RESETS_DEFAULT as usize);
+    }
+
+    #[test]
     fn without_rules_a_crash_stops_as_in_opros() {
         let mut ladder = Ladder::new(SeverityTable::opros_default(), None, 0);
         assert_eq!(ladder.answer(Symptom::CrashPanic, 1), Answer::Stop);
@@ -149,7 +161,7 @@ mod tests {
                     }
                     Answer::Replace => { replaced += 1; resets.clear(); }
                     Answer::Stop => break,
-                    Answer::Ignore => prop_assert!(false),
+                    Answer::Ignore | Answer::Prepare => prop_assert!(false),
                 }
             }
             prop_assert!(replaced <= secondaries);

@@ -34,6 +34,12 @@ pub const COMPOSITES: usize = 10_000;
 pub const PORTS: usize = 1_024;
 /// Most properties of all slots together.
 pub const PROPERTIES: usize = 1_000_000;
+/// Port handles of all instances together: chunks of the table, which grows by one at a time.
+pub const HANDLE_CHUNKS: usize = 4_096;
+/// Handles in a chunk.
+pub const HANDLES_PER_CHUNK: usize = 1_024;
+/// Stack that a host function which takes a lock finds below it, or the overflow happens before the lock.
+pub const HEADROOM_BYTES: usize = 16 << 10;
 /// Most connections of a plan, fan-out counted.
 pub const CONNECTIONS: usize = 100_000;
 /// Most declared executors.
@@ -60,10 +66,20 @@ pub const FIFO_SIZE_DEFAULT: usize = 15;
 
 /// Most resets that a restart intensity may allow within its window.
 pub const RESETS_MAX: u32 = 1_000;
+/// Restart intensity of a slot whose rules state none: that many resets
+pub const RESETS_DEFAULT: u32 = 10;
+/// within that time.
+pub const RESETS_WINDOW: Duration = Duration::from_secs(10);
 /// Most secondaries of one slot.
 pub const SECONDARIES: usize = 16;
 /// Most spares of one slot.
 pub const SPARES_MAX: u32 = 64;
+/// Instances of one slot that may wait to be ended in the background.
+pub const CLEARED_UNITS: usize = SPARES_MAX as usize;
+/// Pause after a spare that could not be prepared; doubled after each further one.
+pub const SPARE_PAUSE_MIN: Duration = Duration::from_millis(100);
+/// Longest such pause.
+pub const SPARE_PAUSE_MAX: Duration = Duration::from_secs(10);
 
 /// Largest plugin file.
 pub const PLUGIN_FILE_BYTES: u64 = 1 << 30;
@@ -117,6 +133,12 @@ pub const HANG_ATTEMPTS: u32 = 8;
 pub const HANG_ATTEMPTS_IN_DAEMON: u32 = 1_000;
 /// Recoveries tried for one fault before the slot is stopped.
 pub const RECOVERY_STEPS_MAX: usize = 2 * SECONDARIES;
+/// Failed tries of one recovery after which the next one follows at once.
+pub const BREATHLESS_FAILURES: usize = 1;
+/// Pause after the failed tries beyond them; doubled each time.
+pub const BREATH_MIN: Duration = Duration::from_millis(50);
+/// Longest such pause.
+pub const BREATH_MAX: Duration = Duration::from_secs(2);
 
 const _: () = assert!(COMPOSITE_DEPTH < PROFILE_FILES);
 const _: () = assert!(PROFILE_ELEMENTS > SLOTS, "a file must be able to hold every slot");
@@ -124,6 +146,8 @@ const _: () = assert!(PROFILE_TEXT_BYTES as u64 <= PROFILE_FILE_BYTES);
 const _: () = assert!(PROFILE_FILE_BYTES < u32::MAX as u64, "spans are 32 bits wide");
 const _: () = assert!(FIFO_SIZE_DEFAULT <= FIFO_SIZE_MAX);
 const _: () = assert!(STACK_MIN_BYTES < STACK_MAX_BYTES && STACK_MIN_BYTES.is_multiple_of(4096));
+const _: () = assert!(HANDLE_CHUNKS * HANDLES_PER_CHUNK < u32::MAX as usize, "a handle has 32 bits for its place");
+const _: () = assert!(HEADROOM_BYTES * 2 <= STACK_MIN_BYTES);
 const _: () = assert!(PRIORITY_MIN < PRIORITY_MAX);
 const _: () = assert!(PERIOD_MIN.as_nanos() < DURATION_MAX.as_nanos());
 const _: () = assert!(STACK_MIN_BYTES <= STACK_BYTES && STACK_BYTES <= STACK_MAX_BYTES);

@@ -25,6 +25,7 @@ pub struct PanicNote {
 thread_local! {
     // One flag for all: a callback that told nothing costs one load, not the texts' copies.
     static TOLD: Cell<bool> = const { Cell::new(false) };
+    static INSTANCE: Cell<u64> = const { Cell::new(0) };
     static PANIC: Cell<Option<PanicNote>> = const { Cell::new(None) };
     static ERROR: Cell<Option<ShortText>> = const { Cell::new(None) };
     static RAISED: Cell<Option<ShortText>> = const { Cell::new(None) };
@@ -37,6 +38,17 @@ pub fn enter_slot(owner: Owner) {
     if has_told() {
         forget();
     }
+}
+
+/// Says which instance's code runs on this thread from now on.
+pub(super) fn enter_instance(number: u64) {
+    INSTANCE.set(number);
+}
+
+/// Number of the instance whose code runs on this thread; 0 on a thread that a component started.
+#[must_use]
+pub fn instance() -> u64 {
+    INSTANCE.get()
 }
 
 /// True when anything was told since the last callback began.

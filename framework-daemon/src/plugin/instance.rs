@@ -1,13 +1,18 @@
 //! One method for each shim: the only caller of plugin code. Always called on a fiber, by [`crate::exec::callback`].
 #![allow(unsafe_code, reason = "address of unsafe: an instance may move between threads")]
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use abi_stable::std_types::{RSlice, RStr};
 use component_sdk::abi::class::{CallArgs, CallStatus, ComponentClass, CreateArgs, CreateResult};
 use component_sdk::abi::payload::PortHandle;
 
+use super::host;
+
 /// An object of a component class. Not dropped by itself: [`Instance::destroy`] does it, on a fiber, or nobody: an
 /// instance that trapped is never entered again.
 pub struct Instance {
+    number: u64,
     class: &'static ComponentClass,
     object: *mut (),
 }
@@ -16,20 +21,30 @@ pub struct Instance {
 // thread at a time, because only its owner can call `enter`, which needs `&mut`.
 unsafe impl Send for Instance {}
 
+static NUMBERS: AtomicU64 = AtomicU64::new(0);
+
+/// A number that no other instance of the process has.
+#[must_use]
+pub fn next_number() -> u64 {
+    NUMBERS.fetch_add(1, Ordering::Relaxed) + 1
+}
+
 impl Instance {
-    /// Builds one.
+    /// Builds one that bears that number.
     ///
     /// # Errors
     /// The shim's status and text when the component's constructor failed.
     pub fn create(
+        number: u64,
         class: &'static ComponentClass,
         ports: &[PortHandle],
         properties: &[RStr<'_>],
     ) -> Result<Self, (CallStatus, String)> {
         let args = CreateArgs { ports: RSlice::from_slice(ports), properties: RSlice::from_slice(properties) };
+        host::enter_instance(number);
         let CreateResult { instance, status, error } = (class.create)(&args);
         if status == CallStatus::Done && !instance.is_null() {
-            Ok(Self { class, object: instance })
+            Ok(Self { number, class, object: instance })
         } else {
             Err((status, error.into()))
         }
@@ -43,11 +58,13 @@ impl Instance {
 
     /// Enters a callback.
     pub fn enter(&mut self, args: &CallArgs<'_>) -> CallStatus {
+        host::enter_instance(self.number);
         (self.class.call)(self.object, args)
     }
 
     /// Drops the object.
     pub fn destroy(&mut self) -> CallStatus {
+        host::enter_instance(self.number);
         let object = std::mem::replace(&mut self.object, std::ptr::null_mut());
         if object.is_null() { CallStatus::Done } else { (self.class.drop)(object) }
     }

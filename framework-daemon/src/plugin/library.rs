@@ -20,7 +20,7 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 use super::compat::{self, HeaderView};
 use super::image::{self, Image};
 use crate::model::limits::PLUGIN_FILE_BYTES;
-use crate::sys::{fence, text};
+use crate::sys::{fence, shield, text};
 
 /// A loaded plugin.
 pub struct Plugin {
@@ -80,11 +80,13 @@ impl Plugin {
         }
         let bytes = std::fs::read(file).map_err(|error| format!("it cannot be read: {error}"))?;
         let image = image::read(&bytes)?;
-        let library = open_copy(file, &bytes)?;
-        let (header, raw) = read_header(&library, &image.symbol)?;
-        let module = root_module(raw)?;
-        (module.install())(host);
-        let classes = (module.classes())().as_slice();
+        let (header, classes) = shield::load(|| -> Result<_, String> {
+            let library = open_copy(file, &bytes)?;
+            let (header, raw) = read_header(&library, &image.symbol)?;
+            let module = root_module(raw)?;
+            (module.install())(host);
+            Ok((header, (module.classes())().as_slice()))
+        })?;
         Ok(Arc::new(Self { file: file.to_owned(), stamp, image, header, classes }))
     }
 

@@ -65,6 +65,11 @@ impl Block {
         self.stamp_ns.load(Ordering::Relaxed)
     }
 
+    /// What lies in it may be half an object, which nobody may drop: what that owns is lost, the memory is used again.
+    pub(super) fn forget_contents(&self) {
+        self.filled.store(false, Ordering::Relaxed);
+    }
+
     /// Says that an object lies in it since `now_ns`.
     pub(super) fn fill(&self, now_ns: u64) {
         self.stamp_ns.store(now_ns, Ordering::Relaxed);

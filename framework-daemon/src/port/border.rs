@@ -1,18 +1,23 @@
 //! Where plugins' port calls arrive: handles become safe calls.
 //!
-//! A handle is the address of a [`Binding`](crate::port::border::Binding): one instance's access to one port of its slot. A binding is closed when its
-//! instance is replaced and freed only when the instance was destroyed in order, so that a handle never dangles.
-#![allow(unsafe_code, reason = "address of unsafe: a handle is an address that the daemon gave out")]
+//! A handle leads to a place of [`table`](super::table), never to an address: one that is stale, forged or of an instance
+//! that was replaced is answered "closed", before anything is locked.
+#![allow(unsafe_code, reason = "address of unsafe: a place of the table leads to a port by its address")]
 
+use std::hint::black_box;
+use std::mem::MaybeUninit;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use component_sdk::abi::host::HostApi;
 use component_sdk::abi::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 use component_sdk::port::Sent;
 
+use super::block::Block;
 use super::input::InPort;
-use super::output::OutPort;
+use super::output::{Borrower, OutPort};
+use super::table::{self, Claim, Kind, Place};
+use crate::model::limits::HEADROOM_BYTES;
 use crate::plugin::host;
 
 /// One end of a slot's port.
@@ -24,41 +29,67 @@ pub enum PortEnd {
     Out(Arc<OutPort>),
 }
 
-/// One instance's access to one port.
+/// One instance's access to one port: at rest while the instance stands ready, open while it is in use, closed for good
+/// when it was replaced.
 pub struct Binding {
-    end: PortEnd,
-    closed: AtomicBool,
+    claim: Claim,
+    // What the place leads to; freed with the binding, unless somebody is inside.
+    end: Option<PortEnd>,
+    scratch: Option<Box<Block>>,
 }
 
 impl Binding {
-    /// An open binding.
+    /// A binding of that instance, at rest; `None`: there are too many handles.
     #[must_use]
-    pub fn new(end: PortEnd) -> Arc<Self> {
-        Arc::new(Self { end, closed: AtomicBool::new(false) })
+    pub fn new(end: PortEnd, owner: u64) -> Option<Self> {
+        let claim = Claim::new()?;
+        let place = claim.place()?;
+        let (address, kind, scratch) = match &end {
+            PortEnd::In(port) => (Arc::as_ptr(port).cast::<()>(), Kind::RestingIn, None),
+            PortEnd::Out(port) => (Arc::as_ptr(port).cast(), Kind::RestingOut, Some(Box::new(Block::new(port.object)))),
+        };
+        let lent = scratch.as_deref().map_or(std::ptr::null(), std::ptr::from_ref);
+        place.owner.store(owner, Ordering::Relaxed);
+        place.port.store(address.cast_mut(), Ordering::Relaxed);
+        place.scratch.store(lent.cast_mut().cast(), Ordering::Relaxed);
+        claim.set(kind);
+        Some(Self { claim, end: Some(end), scratch })
     }
 
-    /// What the component is given. Valid as long as this binding is held.
+    /// What the component is given.
     #[must_use]
-    pub fn handle(self: &Arc<Self>) -> PortHandle {
-        PortHandle(Arc::as_ptr(self).cast())
+    pub fn handle(&self) -> PortHandle {
+        self.claim.handle()
+    }
+
+    /// From now on calls reach the port.
+    pub fn open(&self) {
+        match &self.end {
+            Some(PortEnd::In(_)) => self.claim.set(Kind::In),
+            Some(PortEnd::Out(_)) => self.claim.set(Kind::Out),
+            None => {}
+        }
     }
 
     /// From now on every call says that the port is closed.
     pub fn close(&self) {
-        self.closed.store(true, Ordering::Release);
+        self.claim.set(Kind::Closed);
     }
 
-    fn input(&self) -> Option<&InPort> {
-        match &self.end {
-            PortEnd::In(port) if !self.closed.load(Ordering::Acquire) => Some(port),
-            _ => None,
+    /// The instance trapped: what it left in a scratch may be half an object, which nobody may drop.
+    pub fn forget_scratch(&self) {
+        if let Some(block) = &self.scratch {
+            block.forget_contents();
         }
     }
+}
 
-    fn output(&self) -> Option<&OutPort> {
-        match &self.end {
-            PortEnd::Out(port) if !self.closed.load(Ordering::Acquire) => Some(port),
-            _ => None,
+impl Drop for Binding {
+    fn drop(&mut self) {
+        if !self.claim.release() {
+            // A thread of the component is inside and may never come out: what it uses stays.
+            #[allow(clippy::mem_forget, reason = "a thread that the component started is using it")]
+            std::mem::forget((self.end.take(), self.scratch.take()));
         }
     }
 }
@@ -78,26 +109,142 @@ pub static HOST: HostApi = HostApi {
     read,
 };
 
-fn binding<'a>(handle: PortHandle) -> &'a Binding {
-    // SAFETY: components hold only handles that `Binding::handle` gave out, and a binding is held until its instance
-    // was destroyed in order; that of an instance that was not is never freed.
-    unsafe { &*handle.0.cast::<Binding>() }
+/// What a handle leads to.
+enum End<'a> {
+    Closed,
+    Nowhere,
+    Scratch(&'a Block),
+    In(&'a InPort),
+    Out(&'a OutPort),
 }
 
-extern "C" fn loan(handle: PortHandle) -> LoanResult {
-    binding(handle).output().map_or(LoanResult::CLOSED, OutPort::loan)
+/// Calls `act` with what the handle leads to. The one way in: nothing is locked before it.
+#[inline]
+fn visit<R>(handle: PortHandle, act: impl FnOnce(End<'_>, Borrower) -> R) -> R {
+    make_sure_of_stack();
+    let Some((place, kind)) = table::find(handle) else { return act(End::Closed, Borrower::Other) };
+    if kind != Kind::Closed && place.owner.load(Ordering::Relaxed) == host::instance() {
+        // SAFETY: the handle is of the instance whose callback runs on this thread; its binding is dropped by the
+        // thread that enters the instance, which is this one.
+        return act(unsafe { end(place, kind) }, Borrower::Callback);
+    }
+    if !place.enter(handle) {
+        return act(End::Closed, Borrower::Other);
+    }
+    // The kind again: it may have changed before the place was entered.
+    let kind = table::find(handle).map_or(Kind::Closed, |(_, kind)| kind);
+    // SAFETY: the binding keeps what the place leads to as long as somebody is inside.
+    let result = act(unsafe { end(place, kind) }, Borrower::Other);
+    place.leave();
+    result
 }
 
-extern "C" fn publish(handle: PortHandle, value: *mut u8) -> u32 {
-    binding(handle).output().map_or(Sent::Closed, |port| port.publish(value)) as u32
-}
-
-extern "C" fn give_back(handle: PortHandle, value: *mut u8) {
-    if let Some(port) = binding(handle).output() {
-        port.give_back(value);
+/// # Safety
+/// The binding of this place must be held until the result is not used any more.
+#[inline]
+unsafe fn end(place: &Place, kind: Kind) -> End<'_> {
+    let (port, scratch) = (place.port.load(Ordering::Relaxed), place.scratch.load(Ordering::Relaxed));
+    // SAFETY: `Binding::new` stored addresses of these types with these kinds, and holds what they lead to; the scratch of
+    // an output is never null.
+    unsafe {
+        match kind {
+            Kind::Closed => End::Closed,
+            Kind::RestingIn => End::Nowhere,
+            Kind::RestingOut => End::Scratch(&*scratch.cast::<Block>()),
+            Kind::In => End::In(&*port.cast::<InPort>()),
+            Kind::Out => End::Out(&*port.cast::<OutPort>()),
+        }
     }
 }
 
+/// A stack that is about to overflow does so here, where nothing is locked, and not inside.
+#[inline(never)]
+fn make_sure_of_stack() {
+    black_box(&MaybeUninit::<[u8; HEADROOM_BYTES]>::uninit());
+}
+
+extern "C" fn loan(handle: PortHandle) -> LoanResult {
+    visit(handle, |end, borrower| match end {
+        End::Out(port) => port.loan(borrower),
+        End::Scratch(block) => LoanResult { value: block.value(), initialised: block.is_filled() },
+        _ => LoanResult::CLOSED,
+    })
+}
+
+extern "C" fn publish(handle: PortHandle, value: *mut u8) -> u32 {
+    let sent = visit(handle, |end, _| match end {
+        End::Out(port) => port.publish(value),
+        End::Scratch(block) => {
+            block.fill(0);
+            Sent::Unconnected
+        }
+        _ => Sent::Closed,
+    });
+    sent as u32
+}
+
+extern "C" fn give_back(handle: PortHandle, value: *mut u8) {
+    visit(handle, |end, _| match end {
+        End::Out(port) => port.give_back(value),
+        End::Scratch(block) => block.fill(0),
+        _ => {}
+    });
+}
+
 extern "C" fn read(handle: PortHandle, mode: ReadMode) -> ReadResult {
-    binding(handle).input().map_or(ReadResult::NONE, |port| port.read(mode))
+    visit(handle, |end, _| match end {
+        End::In(port) => port.read(mode),
+        _ => ReadResult::NONE,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use component_sdk::object::CommObject;
+    use proptest::prelude::*;
+
+    use super::super::check::Checks;
+    use super::*;
+    use crate::profile::plan::Queue;
+
+    fn closed(handle: PortHandle) -> bool {
+        let value = std::ptr::without_provenance_mut(64);
+        give_back(handle, value);
+        loan(handle).value.is_null()
+            && publish(handle, value) == Sent::Closed as u32
+            && read(handle, ReadMode::Newest).value.is_null()
+    }
+
+    #[test]
+    fn a_binding_rests_is_opened_and_closed_for_good() {
+        let port = Arc::new(OutPort::new("out", u64::DESCRIPTOR, Checks::default()));
+        let binding = Binding::new(PortEnd::Out(Arc::clone(&port)), u64::MAX).unwrap();
+        let handle = binding.handle();
+        let lent = loan(handle);
+        assert!(!lent.value.is_null() && publish(handle, lent.value) == Sent::Unconnected as u32);
+        assert!(loan(handle).initialised, "the scratch is lent again");
+        binding.open();
+        assert_ne!(loan(handle).value, lent.value);
+        binding.close();
+        assert!(closed(handle));
+        drop(binding);
+        assert!(closed(handle));
+        assert_eq!(Arc::strong_count(&port), 1, "nothing is left behind");
+    }
+
+    #[test]
+    fn an_input_at_rest_reads_as_empty_and_cannot_be_written() {
+        let port = Arc::new(InPort::new("in", u64::DESCRIPTOR, Queue::Last, Checks::default()));
+        let binding = Binding::new(PortEnd::In(port), u64::MAX).unwrap();
+        assert!(closed(binding.handle()));
+        binding.open();
+        assert!(loan(binding.handle()).value.is_null());
+    }
+
+    proptest! {
+        #[test]
+        fn a_forged_handle_is_a_closed_port(bits: usize) {
+            prop_assert!(closed(PortHandle(std::ptr::without_provenance(bits))));
+        }
+    }
 }

@@ -1,11 +1,15 @@
 //! Range checks on the values of a port or connection, compiled from `<validity>` at load: an offset load and two
 //! comparisons each.
 //!
+//! The value lies in the memory of a component and may hold pointers that lead nowhere: while it is looked at, nothing is
+//! locked and nothing is held that a trap would leak.
+//!
 //! What a check finds is kept for the thread until its callback returns ([`take_report`](crate::port::check::take_report)): the writer's callback runs on
 //! this thread, and the writer is to blame for what it wrote.
 
 use std::cell::Cell;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use component_sdk::object::TypeDescriptor;
 use component_sdk::object::path::{FieldPath, PathError};
@@ -20,6 +24,8 @@ use crate::profile::plan::{Limit, OnInvalid, Validity};
 #[derive(Default)]
 pub struct Checks {
     rules: Vec<Check>,
+    /// The next value begins all episodes anew. A flag, because a recovery sets it, which waits for no lock.
+    anew: AtomicBool,
     /// The last value that satisfied every rule, where one of them wants it.
     last_valid: Mutex<Option<Sample>>,
 }
@@ -31,6 +37,14 @@ struct Check {
     delay_ns: u64,
     on_invalid: OnInvalid,
     episode: Mutex<Episode>,
+}
+
+/// A value on its way through the checks.
+pub(super) struct Candidate<'a> {
+    /// Where it lies; whole, as far as its writer is to be trusted.
+    pub(super) value: *const u8,
+    /// Its block, asked for when the value has been judged.
+    pub(super) sample: &'a dyn Fn() -> Option<Sample>,
 }
 
 /// What the reader gets.
@@ -99,7 +113,13 @@ impl Checks {
             })
         });
         let rules = compiled.collect::<Result<_, (String, PathError)>>()?;
-        Ok(Self { rules, last_valid: Mutex::default() })
+        Ok(Self { rules, ..Self::default() })
+    }
+
+    /// True when nothing is checked.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.rules.is_empty()
     }
 
     /// True when both ask the same.
@@ -111,16 +131,21 @@ impl Checks {
 
     /// Begins anew: the writer was reset or replaced, and what its successor writes wrongly is another fault.
     pub fn forget_episodes(&self) {
-        self.rules.iter().for_each(|check| *lock(&check.episode) = Episode::default());
+        self.anew.store(true, Ordering::Release);
     }
 
     /// Judges one value: dropping it weighs more than holding an earlier one, and that more than passing it.
-    pub(super) fn judge(&self, port: &str, sample: &Sample, now_ns: u64) -> Verdict {
-        let broken = self.rules.iter().filter_map(|check| check.judge(port, sample, now_ns));
+    pub(super) fn judge(&self, port: &str, candidate: &Candidate<'_>, now_ns: u64) -> Verdict {
+        if self.anew.load(Ordering::Relaxed) && self.anew.swap(false, Ordering::AcqRel) {
+            self.rules.iter().for_each(|check| *lock(&check.episode) = Episode::default());
+        }
+        let broken = self.rules.iter().filter_map(|check| check.judge(port, candidate.value, now_ns));
         let worst = broken.reduce(|one, other| if weight(one) >= weight(other) { one } else { other });
         match worst {
             None if self.rules.iter().any(|check| check.on_invalid == OnInvalid::Hold) => {
-                *lock(&self.last_valid) = Some(Arc::clone(sample));
+                let valid = (candidate.sample)();
+                let before = std::mem::replace(&mut *lock(&self.last_valid), valid);
+                drop(before);
                 Verdict::Pass
             }
             None | Some(OnInvalid::Pass) => Verdict::Pass,
@@ -144,8 +169,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Check {
     /// What the rule wants when the value breaks it.
-    fn judge(&self, port: &str, sample: &Sample, now_ns: u64) -> Option<OnInvalid> {
-        let crossed = self.crossed(sample);
+    fn judge(&self, port: &str, value: *const u8, now_ns: u64) -> Option<OnInvalid> {
+        let crossed = self.crossed(value);
         let due = lock(&self.episode).note(crossed.is_some(), now_ns, self.delay_ns);
         let (value, limit) = crossed?;
         if due {
@@ -156,21 +181,23 @@ impl Check {
 
     /// The first number that crosses a bound, and that bound.
     #[allow(unsafe_code, reason = "the path was compiled for the type of this port's blocks")]
-    fn crossed(&self, sample: &Sample) -> Option<(f64, f64)> {
+    fn crossed(&self, value: *const u8) -> Option<(f64, f64)> {
         let mut found = None;
         let mut within = |number: f64| {
             found = self.bounds.crossed(number).map(|limit| (number, limit));
             found.is_none()
         };
         // SAFETY: `compile` resolved the path with the descriptor of this port, connections join equal layouts only,
-        // and a published block holds a valid object.
-        unsafe { self.path.all(sample.value(), &mut within) };
+        // and what a component sends is a valid object; a pointer in it that is not is a trap of that component.
+        unsafe { self.path.all(value, &mut within) };
         found
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use component_sdk::object::CommObject;
 
     use super::super::block::Block;
@@ -181,6 +208,11 @@ mod tests {
         let (field, location) = (String::new(), Location::default());
         let max = Some(Limit::Constant(max));
         Validity { field, min: None, max, max_rate: None, delay: std::time::Duration::ZERO, on_invalid, location }
+    }
+
+    fn judged(checks: &Checks, sample: &Sample, now_ns: u64) -> Verdict {
+        let candidate = Candidate { value: sample.value(), sample: &|| Some(Arc::clone(sample)) };
+        checks.judge("p", &candidate, now_ns)
     }
 
     #[allow(unsafe_code, reason = "the test plays the plugin, which fills blocks")]
@@ -197,9 +229,9 @@ mod tests {
         let rules = [rule(5.0, OnInvalid::Drop), rule(3.0, OnInvalid::Hold)];
         let checks = Checks::compile(&rules, f64::DESCRIPTOR).unwrap();
         let good = sample(1.0);
-        assert!(matches!(checks.judge("p", &good, 1), Verdict::Pass));
-        assert!(matches!(checks.judge("p", &sample(9.0), 2), Verdict::Withhold));
-        match checks.judge("p", &sample(4.0), 3) {
+        assert!(matches!(judged(&checks, &good, 1), Verdict::Pass));
+        assert!(matches!(judged(&checks, &sample(9.0), 2), Verdict::Withhold));
+        match judged(&checks, &sample(4.0), 3) {
             Verdict::Instead(held) => assert!(Arc::ptr_eq(&held, &good)),
             _ => panic!("the last good value is held"),
         }

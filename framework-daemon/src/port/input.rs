@@ -29,7 +29,8 @@ pub struct InPort {
     pub checks: Checks,
     queue: ArrayQueue<Sample>,
     policy: Queue,
-    // Taken by the reader only, for the time of one call; writers never touch it.
+    // Taken by the reader only, for a few instructions; writers never touch it. Nothing is dropped under it: the last
+    // holder of an object frees the memory of a plugin.
     current: Mutex<Option<Sample>>,
     listener: OnceLock<Box<dyn Listener>>,
     received: AtomicU64,
@@ -117,19 +118,21 @@ impl InPort {
 
     /// Reads; the object stays valid until the next read.
     pub(super) fn read(&self, mode: ReadMode) -> ReadResult {
-        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
         let next = match mode {
             ReadMode::Take => self.queue.pop(),
             ReadMode::Newest | ReadMode::Fresh => std::iter::from_fn(|| self.queue.pop()).last(),
         };
-        match (&next, mode) {
-            (None, ReadMode::Fresh | ReadMode::Take) => return ReadResult::NONE,
-            (None, ReadMode::Newest) => {}
-            (Some(_), _) => *current = next,
+        if next.is_none() && mode != ReadMode::Newest {
+            return ReadResult::NONE;
         }
-        current
+        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = next.and_then(|sample| current.replace(sample));
+        let result = current
             .as_ref()
-            .map_or(ReadResult::NONE, |sample| ReadResult { value: sample.value(), stamp_ns: sample.stamp_ns() })
+            .map_or(ReadResult::NONE, |sample| ReadResult { value: sample.value(), stamp_ns: sample.stamp_ns() });
+        drop(current);
+        drop(before);
+        result
     }
 }
 

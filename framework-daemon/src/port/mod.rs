@@ -17,3 +17,6 @@ pub mod output;
 
 /// Input ports: newest or FIFO.
 pub mod input;
+
+/// The table behind port handles.
+pub mod table;

@@ -1,5 +1,6 @@
 //! Output ports: a block is lent, filled by the component, checked, and handed to every connected input by reference.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use arc_swap::ArcSwap;
@@ -8,7 +9,7 @@ use component_sdk::object::TypeDescriptor;
 use component_sdk::port::Sent;
 
 use super::block::{Block, Sample};
-use super::check::{self, Checks, Verdict};
+use super::check::{self, Candidate, Checks, Verdict};
 use super::input::{InPort, Pushed};
 use crate::model::limits::SPARE_BLOCKS;
 use crate::sys::clock;
@@ -22,6 +23,20 @@ pub struct Link {
     pub checks: Arc<Checks>,
 }
 
+/// Whose call borrows a block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Borrower {
+    /// A callback of the instance in use.
+    Callback,
+    /// A thread that a component started: it may still write when its instance is gone.
+    Other,
+}
+
+/// Makes this thread ready to write to ports: its first look at a set of connections would allocate.
+pub fn warm_up() {
+    let _ = ArcSwap::from_pointee(()).load();
+}
+
 /// An output port of a slot.
 pub struct OutPort {
     /// Name.
@@ -31,6 +46,8 @@ pub struct OutPort {
     /// Checks of the port itself.
     pub checks: Checks,
     links: ArcSwap<Vec<Link>>,
+    /// Something is checked on the way over them.
+    judged: AtomicBool,
     // Held for a few instructions in which no memory of a plugin is touched, so that no thread can fault with it.
     blocks: Mutex<Blocks>,
 }
@@ -39,14 +56,15 @@ pub struct OutPort {
 struct Blocks {
     all: Vec<Sample>,
     cursor: usize,
-    on_loan: Option<usize>,
+    on_loan: Option<(usize, Borrower)>,
 }
 
 impl OutPort {
     /// An unconnected port.
     #[must_use]
     pub fn new(name: &str, object: &'static TypeDescriptor, checks: Checks) -> Self {
-        let port = Self { name: name.to_owned(), object, checks, links: ArcSwap::default(), blocks: Mutex::default() };
+        let (links, judged, blocks) = (ArcSwap::default(), AtomicBool::new(false), Mutex::default());
+        let port = Self { name: name.to_owned(), object, checks, links, judged, blocks };
         port.connect(Vec::new());
         port
     }
@@ -60,11 +78,19 @@ impl OutPort {
             blocks.all.push(Arc::new(Block::new(self.object)));
         }
         drop(blocks);
+        let is_judged = |link: &Link| !link.checks.is_empty() || !link.target.checks.is_empty();
+        let judged = !self.checks.is_empty() || links.iter().any(is_judged);
+        // Never a checked connection over which a value slips unchecked.
+        self.judged.fetch_or(judged, Ordering::SeqCst);
         self.links.store(Arc::new(links));
+        self.judged.store(judged, Ordering::SeqCst);
     }
 
     /// Begins the checks of this port and its connections anew.
     pub fn forget_episodes(&self) {
+        if !self.judged.load(Ordering::SeqCst) {
+            return;
+        }
         self.checks.forget_episodes();
         for link in self.links.load().iter() {
             link.checks.forget_episodes();
@@ -74,16 +100,16 @@ impl OutPort {
 
     /// The connections, as they are.
     #[must_use]
-    pub fn links(&self) -> Arc<Vec<Link>> {
-        self.links.load_full()
+    pub fn links(&self) -> Vec<Link> {
+        self.links.load().to_vec()
     }
 
     /// Lends a block that no reader holds.
-    pub(super) fn loan(&self) -> LoanResult {
+    pub(super) fn loan(&self, borrower: Borrower) -> LoanResult {
         let mut blocks = self.blocks();
         blocks.forget_lost_loan(self.object);
         let index = blocks.free(self.object);
-        blocks.on_loan = Some(index);
+        blocks.on_loan = Some((index, borrower));
         let block = &blocks.all[index];
         LoanResult { value: block.value(), initialised: block.is_filled() }
     }
@@ -97,23 +123,61 @@ impl OutPort {
 
     /// Sends the block on loan.
     pub(super) fn publish(&self, value: *mut u8) -> Sent {
-        let Some(sample) = self.end_loan(value) else { return Sent::Closed };
         let now_ns = clock::now_ns();
+        if self.judged.load(Ordering::SeqCst) {
+            return self.publish_judged(value, now_ns);
+        }
+        let Some(sample) = self.end_loan(value) else { return Sent::Closed };
         sample.fill(now_ns);
         let links = self.links.load();
         if links.is_empty() {
             return Sent::Unconnected;
         }
-        match self.checks.judge(&self.name, &sample, now_ns) {
-            Verdict::Pass => deliver(&links, &sample, now_ns),
-            Verdict::Instead(held) => deliver(&links, &held, now_ns),
-            Verdict::Withhold => Sent::Dropped,
+        let pushed = links.iter().map(|link| push(&link.target, Arc::clone(&sample)));
+        pushed.fold(Sent::Ok, worse)
+    }
+
+    /// Sends the block on loan, judged while it still is: a trap in a check, over a pointer that the component wrote,
+    /// leaves no more than a lost loan.
+    fn publish_judged(&self, value: *mut u8, now_ns: u64) -> Sent {
+        if !self.stamp(value, now_ns) {
+            return Sent::Closed;
         }
+        // Counted, because a guard that a trap leaves behind would slow this thread down for ever. A count that it
+        // leaves keeps one set of connections, once.
+        let links = self.links.load_full();
+        if links.is_empty() {
+            let _ = self.end_loan(value);
+            return Sent::Unconnected;
+        }
+        let share = || self.share(value);
+        let own = Candidate { value, sample: &share };
+        let sent = match self.checks.judge(&self.name, &own, now_ns) {
+            Verdict::Pass => deliver(&links, &own, now_ns),
+            Verdict::Instead(held) => deliver_held(&links, &held, now_ns),
+            Verdict::Withhold => Sent::Dropped,
+        };
+        let _ = self.end_loan(value);
+        sent
+    }
+
+    /// Says that the block on loan holds an object since `now_ns`; false: this one is not on loan.
+    fn stamp(&self, value: *mut u8, now_ns: u64) -> bool {
+        let sample = self.share(value);
+        sample.iter().for_each(|sample| sample.fill(now_ns));
+        sample.is_some()
+    }
+
+    /// The block on loan, for a reader.
+    fn share(&self, value: *mut u8) -> Option<Sample> {
+        let blocks = self.blocks();
+        let (index, _) = blocks.on_loan?;
+        (blocks.all[index].value() == value).then(|| Arc::clone(&blocks.all[index]))
     }
 
     fn end_loan(&self, value: *mut u8) -> Option<Sample> {
         let mut blocks = self.blocks();
-        let index = blocks.on_loan.take()?;
+        let (index, _) = blocks.on_loan.take()?;
         (blocks.all[index].value() == value).then(|| Arc::clone(&blocks.all[index]))
     }
 
@@ -130,12 +194,14 @@ impl Drop for OutPort {
 }
 
 impl Blocks {
-    /// A loan that was never returned belonged to a callback that a trap ended: what lies in its block is half-written.
+    /// A loan that was never returned belonged to a callback that a trap ended: what lies in its block is half-written,
+    /// so it is neither read nor dropped. A block that another thread may still write is never lent again.
     fn forget_lost_loan(&mut self, object: &'static TypeDescriptor) {
-        if let Some(index) = self.on_loan.take() {
+        let Some((index, borrower)) = self.on_loan.take() else { return };
+        self.all[index].forget_contents();
+        if borrower == Borrower::Other {
             let lost = std::mem::replace(&mut self.all[index], Arc::new(Block::new(object)));
-            // Neither read nor dropped: its contents may be half an object. Counted with its instance.
-            #[allow(clippy::mem_forget, reason = "what a trapped callback left half-written is never dropped")]
+            #[allow(clippy::mem_forget, reason = "a thread that the component started may still write it")]
             std::mem::forget(lost);
         }
     }
@@ -155,37 +221,50 @@ impl Blocks {
     }
 }
 
-/// Hands `sample` to every reader.
-fn deliver(links: &[Link], sample: &Sample, now_ns: u64) -> Sent {
-    let mut outcome = Sent::Ok;
-    for link in links {
-        if !deliver_one(link, sample, now_ns) {
-            outcome = Sent::Dropped;
-        }
-    }
-    outcome
+/// Hands an earlier value to every reader.
+fn deliver_held(links: &[Link], held: &Sample, now_ns: u64) -> Sent {
+    deliver(links, &Candidate { value: held.value(), sample: &|| Some(Arc::clone(held)) }, now_ns)
 }
 
-fn deliver_one(link: &Link, sample: &Sample, now_ns: u64) -> bool {
-    let target = &link.target;
-    let passed = match link.checks.judge(&target.name, sample, now_ns) {
-        Verdict::Pass => Arc::clone(sample),
-        Verdict::Instead(held) => held,
-        Verdict::Withhold => return false,
+/// Hands a value to every reader whose checks let it pass.
+fn deliver(links: &[Link], candidate: &Candidate<'_>, now_ns: u64) -> Sent {
+    links.iter().map(|link| deliver_one(link, candidate, now_ns)).fold(Sent::Ok, worse)
+}
+
+fn deliver_one(link: &Link, candidate: &Candidate<'_>, now_ns: u64) -> Sent {
+    match link.checks.judge(&link.target.name, candidate, now_ns) {
+        Verdict::Pass => take_in(&link.target, candidate, now_ns),
+        Verdict::Instead(held) => {
+            take_in(&link.target, &Candidate { value: held.value(), sample: &|| Some(Arc::clone(&held)) }, now_ns)
+        }
+        Verdict::Withhold => Sent::Dropped,
+    }
+}
+
+/// The reader's own checks, then its queue.
+fn take_in(target: &InPort, candidate: &Candidate<'_>, now_ns: u64) -> Sent {
+    let passed = match target.checks.judge(&target.name, candidate, now_ns) {
+        Verdict::Pass => (candidate.sample)(),
+        Verdict::Instead(held) => Some(held),
+        Verdict::Withhold => None,
     };
-    let passed = match target.checks.judge(&target.name, &passed, now_ns) {
-        Verdict::Pass => passed,
-        Verdict::Instead(held) => held,
-        Verdict::Withhold => return false,
-    };
-    match target.push(passed) {
-        Pushed::Kept | Pushed::OldestLost => true,
-        Pushed::NewestLost => false,
+    passed.map_or(Sent::Dropped, |sample| push(target, sample))
+}
+
+fn push(target: &InPort, sample: Sample) -> Sent {
+    match target.push(sample) {
+        Pushed::Kept | Pushed::OldestLost => Sent::Ok,
+        Pushed::NewestLost => Sent::Dropped,
         Pushed::Overload => {
             check::report_overload(&target.name);
-            false
+            Sent::Dropped
         }
     }
+}
+
+/// One reader that did not get it is told.
+fn worse(one: Sent, other: Sent) -> Sent {
+    if other == Sent::Ok { one } else { other }
 }
 
 #[cfg(test)]
@@ -208,7 +287,7 @@ mod tests {
 
     #[allow(unsafe_code, reason = "the test plays the plugin, which writes and reads through the pointer")]
     fn write(out: &OutPort, number: u64) -> *mut u8 {
-        let lent = out.loan();
+        let lent = out.loan(Borrower::Callback);
         // SAFETY: the block on loan is for one u64.
         unsafe { lent.value.cast::<u64>().write(number) };
         assert_eq!(out.publish(lent.value), Sent::Ok);
@@ -232,16 +311,19 @@ mod tests {
             })
             .collect();
         assert!(used.len() <= inputs[0].capacity() + SPARE_BLOCKS, "{} blocks", used.len());
-        assert!(out.loan().initialised);
+        assert!(out.loan(Borrower::Callback).initialised);
     }
 
     #[test]
-    fn what_a_trapped_callback_left_on_loan_is_never_lent_again() {
+    fn what_a_thread_left_on_loan_is_never_lent_again_and_what_a_callback_left_is_lent_empty() {
         let (out, _inputs) = connected(1);
-        let lost = out.loan().value;
+        let lost = out.loan(Borrower::Other).value;
         let others: Vec<_> = (0..20).map(|number| write(&out, number)).collect();
         assert!(!others.contains(&lost));
         assert_eq!(out.publish(lost), Sent::Closed);
+        let half = out.loan(Borrower::Callback).value;
+        let again: Vec<_> = std::iter::from_fn(|| Some(out.loan(Borrower::Callback))).take(20).collect();
+        assert!(again.iter().any(|lent| lent.value == half && !lent.initialised));
     }
 
     proptest! {

@@ -21,9 +21,6 @@ use crate::model::symptom::{Severity, SeverityTable, Symptom};
 const NOT_DETECTED: [Symptom; 7] =
     [Symptom::Rate, Symptom::Stale, Symptom::Type, Symptom::Model, Symptom::Vote, Symptom::Device, Symptom::Late];
 
-/// Window of a `<reset>` that states none.
-const RESET_WINDOW: Duration = Duration::from_secs(10);
-
 /// `fault_tolerance` as written, references not yet resolved.
 #[derive(Clone, Debug, Serialize)]
 pub struct Declared {
@@ -52,7 +49,7 @@ pub fn read(element: &Element, report: &mut Reporter) -> Declared {
         severity: severities(element, report),
         reset: element.child("reset").map(|reset| intensity(reset, report)),
         secondaries: Vec::new(),
-        spares: element.child("spare").map(|spare| spares(spare, report)),
+        spares: element.child("spare").map(spares),
         checkpoint: element.child("checkpoint").map(|checkpoint| period_of_checkpoint(checkpoint, report)),
         recovery_within: element.child("recovery").and_then(|recovery| positive(recovery, "within", report)),
         isolation: isolation(element, report),
@@ -146,7 +143,7 @@ fn note_inactive_severity(rule: &Element, severity: Severity, report: &mut Repor
 fn intensity(element: &Element, report: &mut Reporter) -> Intensity {
     let limit = quantity::integer(element.value_of("limit"), 0, i64::from(limits::RESETS_MAX)).unwrap_or(0);
     let within = if element.attribute("within").is_some() { positive(element, "within", report) } else { None };
-    Intensity { limit: u32::try_from(limit).unwrap_or(0), within: within.unwrap_or(RESET_WINDOW) }
+    Intensity { limit: u32::try_from(limit).unwrap_or(0), within: within.unwrap_or(limits::RESETS_WINDOW) }
 }
 
 fn secondaries(element: &Element, report: &mut Reporter) -> Vec<Secondary> {
@@ -172,8 +169,7 @@ fn preload(element: &Element) -> Preload {
     }
 }
 
-fn spares(element: &Element, report: &mut Reporter) -> SparePlan {
-    report.not_active(element.name_span, "<spare>");
+fn spares(element: &Element) -> SparePlan {
     let count = quantity::integer(element.value_of("count"), 1, i64::from(limits::SPARES_MAX)).unwrap_or(1);
     SparePlan { count: u32::try_from(count).unwrap_or(1), preload: preload(element) }
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 use serde::{Serialize, Serializer};
 
 pub use crate::model::schedule::{Policy, Schedule};
-use crate::model::symptom::SeverityTable;
+use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
 /// Where something was written: file, line and column (both from 1).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Default)]
@@ -471,7 +471,7 @@ pub struct FaultRules {
     pub reset: Option<Intensity>,
     /// Alternative classes with the same ports, in order.
     pub secondaries: Vec<SecondaryPlan>,
-    /// Pool of standbys of the same class (not active yet).
+    /// Pool of standbys of the same class.
     pub spares: Option<SparePlan>,
     /// Period of checkpoints (not active yet).
     pub checkpoint: Option<Duration>,
@@ -481,6 +481,21 @@ pub struct FaultRules {
     pub isolation: Isolation,
     /// How far a fault of this slot reaches (not active yet).
     pub coverage: Coverage,
+}
+
+impl FaultRules {
+    /// Spares that are created and initialised before a fault. Where the rules name none: one, if a fault that loses the
+    /// instance is answered by a reset.
+    #[must_use]
+    pub fn ready_spares(&self) -> usize {
+        let loses = |symptom: &Symptom| symptom.loses_instance() && self.severity.get(*symptom) == Severity::Reset;
+        let resets = self.reset.is_none_or(|intensity| intensity.limit > 0) && Symptom::ALL.iter().any(loses);
+        match self.spares {
+            Some(spares) if spares.preload == Preload::Instance => spares.count as usize,
+            Some(_) => 0,
+            None => usize::from(resets),
+        }
+    }
 }
 
 /// At most `limit` resets within `within`.

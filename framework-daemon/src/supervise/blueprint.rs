@@ -9,6 +9,7 @@ use component_sdk::object::TypeDescriptor;
 use super::catalogue::Catalogue;
 use super::wiring::{at, describe};
 use crate::exec::unit::{Limits, Recipe, Source};
+use crate::model::names;
 use crate::plugin::{Class, Plugin};
 use crate::port::check::Checks;
 use crate::port::input::InPort;
@@ -119,6 +120,7 @@ fn standby(secondary: &SecondaryPlan, primary: &Class, catalogue: &Catalogue) ->
     let component = Arc::clone(&secondary.component);
     let properties = texts(&secondary.properties);
     let limits = Limits::new(&component.execution);
+    let class_name = names::intern(&component.name);
     let source = if secondary.preload == Preload::None {
         catalogue.foresee(&component).map_err(|reason| at(&secondary.location, &reason))?;
         let (catalogue, primary) = (catalogue.clone(), primary.clone());
@@ -131,7 +133,7 @@ fn standby(secondary: &SecondaryPlan, primary: &Class, catalogue: &Catalogue) ->
         same_ports(primary, &class).map_err(|reason| at(&secondary.location, &reason))?;
         Source::Loaded(class)
     };
-    Ok((Recipe { source, properties, limits }, secondary.preload))
+    Ok((Recipe { number: 0, class_name, source, properties, limits }, secondary.preload))
 }
 
 fn same_ports(primary: &Class, secondary: &Class) -> Result<(), String> {

@@ -14,11 +14,13 @@ use crate::exec::member::{Member, Standby};
 use crate::exec::slot::{Slot, Status};
 use crate::exec::trigger::{Bell, Doorbell, Signal};
 use crate::exec::unit::{Limits, Recipe, Source};
+use crate::exec::workshop::Workshop;
 use crate::model::fault::FaultSender;
 use crate::model::ladder::Ladder;
 use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP};
 use crate::model::names;
 use crate::model::schedule::Schedule;
+use crate::plugin::Class;
 use crate::profile::plan::{ConnectionPlan, Plan, SlotPlan, Trigger};
 
 /// Why a system could not be brought up, one text for each thing that is wrong.
@@ -37,11 +39,17 @@ pub enum BootError {
 /// initialised. Nothing runs then.
 pub fn boot(plan: Arc<Plan>, extra: &[PathBuf], faults: FaultSender) -> Result<System, BootError> {
     let catalogue = Catalogue::default().in_directories(directories(&plan, extra));
-    let mut system = System { plan, executors: HashMap::new(), slots: Vec::new(), catalogue, faults };
+    let workshop = Workshop::start(faults.clone());
+    let workshop = workshop.map_err(|error| BootError::Failed(vec![format!("workshop: no thread: {error}")]))?;
+    let mut system = System { plan, executors: HashMap::new(), slots: Vec::new(), catalogue, workshop, faults };
     let plan = Arc::clone(&system.plan);
     let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;
     match bring_up(&mut system, blueprints) {
-        Ok(()) => Ok(system),
+        Ok(()) => {
+            // Ready means ready: the first fault finds its spare.
+            system.workshop.settle(BOOT_STEP);
+            Ok(system)
+        }
         Err(error) => {
             // What was brought up already ends in order.
             shutdown(system);
@@ -76,41 +84,56 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
     let plan = blueprint.plan;
     let executor = executor_for(system, plan)?;
     let plugins = blueprint.plugins();
-    let member = member(blueprint, executor.bell());
+    let member = member(blueprint, executor.bell(), &system.workshop);
     let (slot, autostart) = (Arc::clone(&member.slot), member.autostart);
     let number = executor.install(member, BOOT_STEP)?;
     Ok(Placed { slot, executor, member: number, autostart, plugins })
 }
 
-fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>) -> Member {
+fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Member {
     let Blueprint { plan, class, standbys, inputs, outputs } = blueprint;
+    let standby = |preload| Standby { preload, unit: None };
+    let (secondaries, standbys): (Vec<_>, Vec<_>) =
+        standbys.into_iter().map(|(recipe, preload)| (recipe, standby(preload))).unzip();
+    let recipes: Vec<Recipe> = std::iter::once(primary(plan, class)).chain(secondaries).collect();
     let slot = Arc::new(Slot {
         name: names::intern(&plan.name),
         inputs: inputs.into_iter().map(Arc::new).collect(),
         outputs: outputs.into_iter().map(Arc::new).collect(),
-        status: Status::new(class.name()),
+        status: Status::new(recipes.iter().map(|recipe| recipe.class_name).collect()),
     });
     let execution = &plan.component.execution;
     let signal = Signal::new(Arc::clone(bell));
     if execution.trigger == Trigger::Nonperiodic {
         slot.inputs.iter().for_each(|port| port.listen(Box::new(Doorbell(Arc::clone(&signal)))));
     }
-    let properties = texts(&plan.properties);
-    let limits = Limits::new(execution);
+    let shelf = workshop.shelf(&slot, recipes, plan.rules.ready_spares(), plan.rules.severity.clone());
     let intensity = plan.rules.reset.map(|intensity| (intensity.limit, intensity.within));
     Member {
         slot,
         trigger: execution.trigger,
         autostart: execution.autostart,
         signal,
-        recipe: Recipe { source: Source::Loaded(class), properties, limits },
+        shelf,
         ladder: Ladder::new(plan.rules.severity.clone(), intensity, standbys.len()),
-        standbys: standbys.into_iter().map(|(recipe, preload)| Standby { recipe, preload, unit: None }).collect(),
+        standbys,
         unit: None,
         next_due_ns: 0,
         rank: 0,
         inject: std::collections::VecDeque::new(),
         early: None,
+        breath: None,
+    }
+}
+
+/// How the primary's instances are made.
+fn primary(plan: &SlotPlan, class: Class) -> Recipe {
+    Recipe {
+        number: 0,
+        class_name: class.name(),
+        source: Source::Loaded(class),
+        properties: texts(&plan.properties),
+        limits: Limits::new(&plan.component.execution),
     }
 }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::catalogue::Catalogue;
 use crate::exec::executor::Executor;
 use crate::exec::slot::Slot;
+use crate::exec::workshop::Workshop;
 use crate::model::fault::FaultSender;
 use crate::plugin::Plugin;
 use crate::profile::plan::Plan;
@@ -35,6 +36,8 @@ pub struct System {
     pub slots: Vec<Placed>,
     /// Where plugins come from.
     pub catalogue: Catalogue,
+    /// Where spares come from.
+    pub workshop: Workshop,
     /// To the fault manager.
     pub faults: FaultSender,
 }

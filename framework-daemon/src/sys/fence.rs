@@ -227,10 +227,11 @@ fn ask(number: i64, arguments: &[usize; 6]) -> Answer {
     if caller == Caller::Daemon {
         return Answer::Passed;
     }
+    let refused = |verdict| if caller == Caller::Loader { Answer::Passed } else { Answer::Refused(verdict) };
     let argument = |index: usize| arguments[index] as i32;
     let (process, signal) = match number {
         libc::SYS_exit if caller == Caller::Thread => return Answer::Passed,
-        libc::SYS_exit | libc::SYS_exit_group => return Answer::Refused(Verdict::Leaves),
+        libc::SYS_exit | libc::SYS_exit_group => return refused(Verdict::Leaves),
         libc::SYS_rt_sigaction | libc::SYS_rt_sigprocmask => return Answer::Question(1),
         libc::SYS_sigaltstack => return Answer::Question(0),
         // A thread's number is hardly ever another process's.

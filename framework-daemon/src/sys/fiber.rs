@@ -198,6 +198,7 @@ impl FiberPool {
     /// # Errors
     /// When the system has no address space left.
     pub fn prepare(&mut self, stack_bytes: usize, count: usize) -> std::io::Result<()> {
+        self.spent.reserve(crate::model::limits::IDLE_FIBERS);
         while self.shelf(stack_bytes).len() < count {
             let mut fiber = Fiber::leased(stack_bytes, &self.lease)?;
             // Touches the stack's first page.

@@ -2,12 +2,11 @@
 //! callback started it; the slot is answered by its rules.
 //!
 //! The kernel thread is ended, not parked: robust locks come back, whoever joins it returns. Its stack stays, because others
-//! may still borrow from it.
+//! may still borrow from it; only what lies far below where it began is given back.
 #![allow(unsafe_code, reason = "address of unsafe: how a plugin's thread starts")]
 
 use std::cell::Cell;
 use std::io;
-use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -16,9 +15,9 @@ use crossbeam_queue::ArrayQueue;
 use libc::c_void;
 
 use super::thread::SignalStack;
-use super::trap::Trap;
+use super::trap::{Site, Trap};
 use super::wake::Waker;
-use super::{arch, clock, shield};
+use super::{arch, clock, heap, shield, text};
 use crate::model::fault::{Evidence, TrapEvidence};
 use crate::model::limits::{FOREIGN_REPORTS, STACK_OVERFLOW_REACH_BYTES};
 
@@ -50,14 +49,33 @@ pub enum Event {
 /// What happened, where and when.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
-    /// Who started the thread.
+    /// Who started the thread; [`Owner::NONE`]: a plugin, when it was loaded.
     pub owner: Owner,
+    /// The function that the thread began with.
+    pub start: usize,
     /// What happened.
     pub event: Event,
     /// When.
     pub at_ns: u64,
     /// The kernel's number of the thread.
     pub thread: i32,
+}
+
+impl Report {
+    /// File name of the plugin whose code it was.
+    #[must_use]
+    pub fn plugin(&self) -> Option<&'static str> {
+        let pc = if let Event::Trapped(trap) = &self.event { trap.evidence.pc as usize } else { 0 };
+        text::plugin_of(pc).or_else(|| text::plugin_of(self.start))
+    }
+}
+
+static LOST: AtomicU64 = AtomicU64::new(0);
+
+/// Threads of plugins that were ended where they were; each leaves its stack behind.
+#[must_use]
+pub fn lost_threads() -> u64 {
+    LOST.load(Ordering::Relaxed)
 }
 
 struct Post {
@@ -71,10 +89,21 @@ static POST: OnceLock<Post> = OnceLock::new();
 thread_local! {
     // `const` and without destructor: the handler may read them at any moment.
     static OWNER: Cell<Owner> = const { Cell::new(Owner::NONE) };
-    static HERE: Cell<Option<(usize, usize)>> = const { Cell::new(None) };
+    static HERE: Cell<Option<Here>> = const { Cell::new(None) };
     static PANICKED: Cell<bool> = const { Cell::new(false) };
     // With a destructor: touched by the thread's beginning and end only.
     static GUARD: Cell<Option<Guard>> = const { Cell::new(None) };
+}
+
+/// A thread that a plugin started.
+#[derive(Clone, Copy)]
+struct Here {
+    /// Lower end of its stack.
+    low: usize,
+    /// Where on its stack it began.
+    top: usize,
+    /// The function that it began with.
+    start: usize,
 }
 
 /// What a plugin's thread holds until its last destructor has run. The first to register one is the last to be called.
@@ -82,11 +111,11 @@ struct Guard(#[allow(dead_code, reason = "held for the kernel")] SignalStack);
 
 impl Drop for Guard {
     fn drop(&mut self) {
-        // The daemon's again: it may take the signal stack away.
-        HERE.set(None);
         if PANICKED.get() {
             report(Event::Ended, clock::now_ns());
         }
+        // The daemon's again: it may take the signal stack away.
+        HERE.set(None);
     }
 }
 
@@ -136,47 +165,81 @@ impl Birth {
 pub(super) extern "C-unwind" fn begin(birth: *mut c_void) -> *mut c_void {
     // SAFETY: `pthread_create` passes what `Birth::new` made, to this thread only.
     let Birth { owner, start, argument } = *unsafe { Box::from_raw(birth.cast::<Birth>()) };
-    GUARD.set(Some(Guard(SignalStack::new())));
+    heap::adopt_thread();
+    GUARD.set(Some(Guard(SignalStack::untouched())));
     shield::unblock_ours();
     OWNER.set(owner);
-    let stack = own_stack();
-    HERE.set(Some((stack.start, stack.end)));
+    let top = (&raw const owner).addr();
+    HERE.set(Some(Here { low: lower_end(), top, start: start as usize }));
     start(argument)
 }
 
-/// Addresses of this thread's stack without its guard.
-fn own_stack() -> Range<usize> {
+/// Lower end of this thread's stack, its guard left out.
+fn lower_end() -> usize {
     // SAFETY: the attributes are filled before they are read, and destroyed once.
     unsafe {
         let mut attributes: libc::pthread_attr_t = std::mem::zeroed();
         if libc::pthread_getattr_np(libc::pthread_self(), &raw mut attributes) != 0 {
-            return 0..0;
+            return 0;
         }
         let (mut low, mut size) = (std::ptr::null_mut(), 0);
         libc::pthread_attr_getstack(&raw const attributes, &raw mut low, &raw mut size);
         libc::pthread_attr_destroy(&raw mut attributes);
-        low.addr()..low.addr() + size
+        low.addr()
     }
 }
 
+impl Here {
+    /// True for an address where an overflow of the stack would strike.
+    fn is_near_end(&self, address: usize) -> bool {
+        self.low.abs_diff(address) < STACK_OVERFLOW_REACH_BYTES
+    }
+
+    /// Gives back what an overflow filled; what lies near the beginning stays. Not below the frame that runs, where this
+    /// is not the handler's stack.
+    fn give_back(&self) {
+        let frame = (&raw const self).addr();
+        let kept = self.top.saturating_sub(KEPT_STACK_BYTES);
+        let end =
+            if (self.low..self.top).contains(&frame) { kept.min(frame - KEPT_STACK_BYTES.min(frame)) } else { kept };
+        let (start, end) = (self.low.next_multiple_of(PAGE_BYTES), end / PAGE_BYTES * PAGE_BYTES);
+        if self.low != 0 && start < end {
+            // SAFETY: stack of this thread, which never runs again; nothing of it is unmapped.
+            unsafe { libc::madvise(std::ptr::without_provenance_mut(start), end - start, libc::MADV_DONTNEED) };
+        }
+    }
+}
+
+/// How much of a dead thread's stack is left as it was.
+const KEPT_STACK_BYTES: usize = 64 << 10;
+
+/// At least the size of a page.
+const PAGE_BYTES: usize = 64 << 10;
+
 /// A trap on this thread. Returns where no plugin started it; else the thread ends here.
-pub(super) fn struck(mut trap: Trap) {
-    let Some((low, _)) = HERE.get() else { return };
-    let reach = low.saturating_sub(STACK_OVERFLOW_REACH_BYTES)..low + STACK_OVERFLOW_REACH_BYTES;
-    let is_near = |address: u64| reach.contains(&(address as usize));
-    trap.stack_overflow =
-        trap.evidence.signal == libc::SIGSEGV && is_near(trap.evidence.address) && is_near(trap.evidence.sp);
+pub(super) fn struck(mut trap: Trap, context: &libc::ucontext_t) {
+    let Some(here) = HERE.get() else { return };
+    let (address, pc, sp) = (trap.evidence.address as usize, trap.evidence.pc as usize, trap.evidence.sp as usize);
+    // SAFETY: the stack of this thread is mapped between these.
+    let caller = if (here.low..here.top).contains(&sp) { unsafe { arch::return_address(context) } } else { 0 };
+    trap.site = Site::of(address, pc, caller);
+    trap.stack_overflow = trap.evidence.signal == libc::SIGSEGV && here.is_near_end(address) && here.is_near_end(sp);
     end(trap)
 }
 
 /// This thread called what ends a process: `exit` and its kin, or `abort`. It alone ends.
 pub(super) fn leave(exited: bool) -> ! {
     let evidence = TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 };
-    end(Trap { exited, ..Trap::new(evidence, clock::now_ns()) })
+    end(Trap { exited, site: Site::Plugin, ..Trap::new(evidence, clock::now_ns()) })
 }
 
 fn end(trap: Trap) -> ! {
+    LOST.fetch_add(1, Ordering::Relaxed);
+    if trap.site == Site::Elsewhere {
+        heap::abandon_thread();
+    }
     report(Event::Trapped(trap), trap.at_ns);
+    HERE.get().inspect(Here::give_back);
     arch::exit_thread()
 }
 
@@ -190,7 +253,8 @@ fn report(event: Event, at_ns: u64) {
     let Some(post) = POST.get() else { return };
     // SAFETY: takes no memory.
     let thread = unsafe { libc::gettid() };
-    if post.reports.push(Report { owner: OWNER.get(), event, at_ns, thread }).is_err() {
+    let start = HERE.get().map_or(0, |here| here.start);
+    if post.reports.push(Report { owner: OWNER.get(), start, event, at_ns, thread }).is_err() {
         post.lost.fetch_add(1, Ordering::Relaxed);
     }
     post.waker.wake();
@@ -267,7 +331,7 @@ mod tests {
     const PANICKED: Event = Event::Panicked(Evidence::Text { message: ShortText::EMPTY });
 
     fn report(event: Event, thread: i32, at_ns: u64) -> Report {
-        Report { owner: Owner::NONE, event, at_ns, thread }
+        Report { owner: Owner::NONE, start: 0, event, at_ns, thread }
     }
 
     fn trapped() -> Event {

@@ -73,9 +73,9 @@ impl Pulse {
         self.attempts.store(0, Ordering::Relaxed);
     }
 
-    /// No callback will be entered with less time than this.
-    pub fn shorten(&self, limit_ns: u64) {
-        self.shortest_ns.fetch_min(limit_ns, Ordering::Relaxed);
+    /// Callbacks may be entered with as little time as this; true where that is less than before.
+    pub fn shorten(&self, limit_ns: u64) -> bool {
+        self.shortest_ns.fetch_min(limit_ns, Ordering::Relaxed) > limit_ns
     }
 
     /// The least time that a callback is entered with.

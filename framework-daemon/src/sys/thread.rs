@@ -16,7 +16,16 @@ impl SignalStack {
     #[must_use]
     pub fn new() -> Self {
         // Written once, so that the first fault need not wait for pages.
-        let mut memory = vec![1u8; SIGNAL_STACK_BYTES].into_boxed_slice();
+        Self::of(vec![1u8; SIGNAL_STACK_BYTES].into_boxed_slice())
+    }
+
+    /// As [`Self::new`], for a thread in no hurry: the stack of one that is lost takes what its handler touched.
+    #[must_use]
+    pub fn untouched() -> Self {
+        Self::of(vec![0u8; SIGNAL_STACK_BYTES].into_boxed_slice())
+    }
+
+    fn of(mut memory: Box<[u8]>) -> Self {
         let stack = libc::stack_t { ss_sp: memory.as_mut_ptr().cast(), ss_flags: 0, ss_size: memory.len() };
         // SAFETY: the memory is held until `drop` takes it from the kernel; the old stack is not asked for.
         unsafe { libc::sigaltstack(&raw const stack, std::ptr::null_mut()) };

@@ -74,6 +74,25 @@ pub enum Site {
     Elsewhere,
 }
 
+impl Site {
+    /// Of an access to `address` at `pc`, in a function that returns to `caller`, if it has no frame.
+    pub(super) fn of(address: usize, pc: usize, caller: usize) -> Self {
+        if text::is_plugin(pc) {
+            return Self::Plugin;
+        }
+        if text::is_daemon(pc) {
+            return Self::Daemon;
+        }
+        let nowhere = pc == address;
+        match (leaf::holds(pc) || nowhere, text::is_plugin(caller), text::is_daemon(caller)) {
+            (true, true, _) if nowhere => Self::Plugin,
+            (true, true, _) => Self::Leaf,
+            (true, _, true) => Self::Daemon,
+            _ => Self::Elsewhere,
+        }
+    }
+}
+
 /// A fiber that runs on some thread: what the handler needs to end it.
 pub(super) struct Armed {
     handler: CoroutineTrapHandler<()>,
@@ -121,8 +140,9 @@ impl Armed {
         unsafe { arch::continue_at(&self.handler.setup_trap_handler(|| ())) }
     }
 
-    fn holds(&self, sp: usize) -> bool {
-        self.pulse.is_beating() && self.handler.stack_ptr_in_bounds(sp)
+    /// True where plugin code runs: on the fiber's stack, or on one that it brought along or lost its way to.
+    fn holds(&self, pc: usize, sp: usize) -> bool {
+        self.pulse.is_beating() && (self.handler.stack_ptr_in_bounds(sp) || text::is_plugin(pc))
     }
 
     fn guard(&self) -> std::ops::Range<usize> {
@@ -132,25 +152,15 @@ impl Armed {
     /// Where the interrupted function returns to, if it has no frame.
     fn caller(&self, context: &libc::ucontext_t) -> usize {
         let (_, sp) = arch::position(context);
+        if sp < self.guard().end || !self.handler.stack_ptr_in_bounds(sp) {
+            return 0;
+        }
         // SAFETY: above its guard the fiber's stack is mapped.
-        if sp >= self.guard().end { unsafe { arch::return_address(context) } } else { 0 }
+        unsafe { arch::return_address(context) }
     }
 
     fn site(&self, address: usize, context: &libc::ucontext_t) -> Site {
-        let (pc, _) = arch::position(context);
-        if text::is_plugin(pc) {
-            return Site::Plugin;
-        }
-        if text::is_daemon(pc) {
-            return Site::Daemon;
-        }
-        let (caller, nowhere) = (self.caller(context), pc == address);
-        match (leaf::holds(pc) || nowhere, text::is_plugin(caller), text::is_daemon(caller)) {
-            (true, true, _) if nowhere => Site::Plugin,
-            (true, true, _) => Site::Leaf,
-            (true, _, true) => Site::Daemon,
-            _ => Site::Elsewhere,
-        }
+        Site::of(address, arch::position(context).0, self.caller(context))
     }
 
     /// Ends the fiber where no lock can be held, the thread elsewhere.
@@ -300,14 +310,16 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     trap.exited = raised == Raised::Exit || verdict == Some(Verdict::Leaves);
     // A copy of this process that a plugin made is no business of ours, nor is a signal from outside.
     let is_guest = sent != Some(false) && !shield::is_copy();
-    if let Some(armed) = armed().filter(|armed| is_guest && armed.holds(sp)) {
-        trap.site = armed.site(address, context);
+    if let Some(armed) = armed().filter(|armed| is_guest && armed.holds(pc, sp)) {
+        // The function that makes any system call holds no lock.
+        trap.site = if verdict.is_some() { Site::Leaf } else { armed.site(address, context) };
         trap.stack_overflow = signal == libc::SIGSEGV && armed.guard().contains(&address);
         return armed.end(trap, context);
     }
     if is_guest {
-        foreign::struck(trap);
+        foreign::struck(trap, context);
     }
+    shield::stand_down();
     if sent.is_some() { end_by(signal) } else { chain(signal, info, context) }
 }
 
@@ -316,7 +328,7 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     // SAFETY: the kernel passes a valid pointer for the time of the call.
     let context = unsafe { &mut *context.cast::<libc::ucontext_t>() };
     let (pc, sp) = arch::position(context);
-    let Some(armed) = armed().filter(|armed| armed.holds(sp)) else { return };
+    let Some(armed) = armed().filter(|armed| armed.holds(pc, sp)) else { return };
     let Some(at_ns) = armed.pulse.deadline_ns().filter(|deadline| *deadline <= clock::now_ns()) else { return };
     let site = armed.site(0, context);
     // In the daemon's own function, or in the allocator of a component that is in and out of it: another moment is better.

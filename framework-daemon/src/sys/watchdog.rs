@@ -49,9 +49,11 @@ pub fn add(pulse: &Arc<Pulse>) {
     watchdog.waker.wake();
 }
 
-/// Says that callbacks may have less time from now on than the watchdog knows of.
-pub fn look_again() {
-    if let Some(watchdog) = WATCHDOG.get() {
+/// Callbacks of this pulse may be entered with as little time as that from now on.
+pub fn expect(pulse: &Pulse, limit_ns: u64) {
+    if pulse.shorten(limit_ns)
+        && let Some(watchdog) = WATCHDOG.get()
+    {
         watchdog.waker.wake();
     }
 }

@@ -69,7 +69,7 @@ pub static FAULT_TOLERANCE: ElementRule = ElementRule::parent(
                     required("limit", Kind::Integer(0, limits::RESETS_MAX as i64), "Most resets; 0: replace at once."),
                     optional("within", Kind::Duration, "Window; default 10s."),
                 ],
-                "Restart intensity; beyond it the ladder goes on: replace, then stop.",
+                "Restart intensity; beyond it the ladder goes on: replace, then stop. Without the element: 10 within 10s.",
             ),
         ),
         (
@@ -91,7 +91,8 @@ pub static FAULT_TOLERANCE: ElementRule = ElementRule::parent(
                     optional("count", Kind::Integer(1, limits::SPARES_MAX as i64), "How many; default 1."),
                     optional("preload", PRELOAD, "How far each is prepared; default instance."),
                 ],
-                "Standbys of the same class.",
+                "Standbys of the same class, made in the background; without the element one is kept where a reset \
+                 answers the loss of an instance. What only one may hold (a device) is opened in start.",
             ),
         ),
         (

@@ -99,23 +99,24 @@ fn leave(function: &Real<Leave>, code: i32) -> ! {
     real(function, code)
 }
 
-/// Plugin code leaves: its fiber or its thread ends. Returns to the daemon only.
-fn refuse() {
+/// Plugin code leaves: its fiber or its thread ends. Returns where neither is there.
+pub(super) fn refuse() {
     let caller = caller();
-    if caller != Caller::Daemon {
+    if matches!(caller, Caller::Fiber | Caller::Thread) {
         LEFT.fetch_or(own_bit(), Ordering::Relaxed);
     }
     match caller {
-        Caller::Daemon => {}
+        Caller::Daemon | Caller::Loader => {}
         Caller::Fiber => trap::raise_exit(),
         Caller::Thread => foreign::leave(true),
     }
 }
 
-/// What plugin code did would end the process: a fault of the caller. Returns to the daemon only.
+/// What plugin code did would end the process: a fault of the caller. Returns where neither fiber nor thread
+/// is there to end.
 pub(super) fn fault() {
     match caller() {
-        Caller::Daemon => {}
+        Caller::Daemon | Caller::Loader => {}
         Caller::Fiber => trap::raise_abort(),
         Caller::Thread => foreign::leave(false),
     }

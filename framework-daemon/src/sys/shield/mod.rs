@@ -2,10 +2,11 @@
 //! symbol resolution, so that these functions are ours (`build.rs` exports them).
 //!
 //! Called by the daemon itself they do what they always did. Called by plugin code they have no effect on what containment
-//! rests on, or are a fault of the caller: `leave` the end of the process, `send` signals sent, `signals` handlers and
-//! masks, `threads` threads.
+//! rests on, or are a fault of the caller: `leave` and `replace` the end of the process, `send` signals sent, `signals`
+//! and `waits` handlers and masks, `threads` threads.
 #![allow(unsafe_code, reason = "address of unsafe: the C library's own functions behind ours")]
 
+use std::cell::Cell;
 use std::ffi::CStr;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicPtr, Ordering};
@@ -14,6 +15,9 @@ use super::{foreign, trap};
 
 /// The end of the process.
 pub mod leave;
+
+/// Another program in the process's place.
+pub mod replace;
 
 /// Signals that are sent.
 pub mod send;
@@ -24,6 +28,9 @@ pub mod signals;
 /// Threads that plugins start.
 pub mod threads;
 
+/// Masks of calls that wait.
+pub mod waits;
+
 pub(super) use send::{is_fatal, is_self};
 pub(super) use signals::{is_ours, unblock_ours};
 
@@ -32,21 +39,41 @@ pub(super) use signals::{is_ours, unblock_ours};
 pub(super) enum Caller {
     /// The daemon, or a child process of a plugin, which may do what it likes.
     Daemon,
+    /// A plugin that is being loaded: what would end the process does.
+    Loader,
     /// A callback.
     Fiber,
     /// A thread that a plugin started.
     Thread,
 }
 
+thread_local! {
+    static LOADS: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs what calls a plugin's code on a thread of the daemon: its constructors, its tables.
+pub fn load<T>(body: impl FnOnce() -> T) -> T {
+    LOADS.set(true);
+    let result = body();
+    LOADS.set(false);
+    result
+}
+
 static PROCESS: AtomicI32 = AtomicI32::new(0);
 static FORKED: AtomicBool = AtomicBool::new(false);
+static ENDING: AtomicBool = AtomicBool::new(false);
+
+/// The process is about to end by a signal: whoever calls from now on does it for that.
+pub(super) fn stand_down() {
+    ENDING.store(true, Ordering::Release);
+}
 
 /// Looks the C library's functions up and makes harmless what would end the process by default; once in a process.
 pub fn install() {
     if PROCESS.swap(own_process(), Ordering::AcqRel) != 0 {
         return;
     }
-    let tables = [leave::REALS, send::REALS, signals::REALS, threads::REALS];
+    let tables = [leave::REALS, replace::REALS, send::REALS, signals::REALS, threads::REALS, waits::REALS];
     tables.into_iter().flatten().for_each(|real| real.resolve());
     // SAFETY: the function stores a flag, which any child may do.
     unsafe { libc::pthread_atfork(None, None, Some(note_fork)) };
@@ -73,12 +100,13 @@ pub(super) fn caller() -> Caller {
     let guest = match (trap::on_fiber(), foreign::is_here()) {
         (true, _) => Caller::Fiber,
         (false, true) => Caller::Thread,
+        (false, false) if LOADS.get() => Caller::Loader,
         (false, false) => return Caller::Daemon,
     };
     // A child that shares our memory (`vfork`) has only its number of its own.
     let process = PROCESS.load(Ordering::Acquire);
     let is_child = is_copy() || (process != 0 && process != own_process());
-    if is_child { Caller::Daemon } else { guest }
+    if is_child || ENDING.load(Ordering::Acquire) { Caller::Daemon } else { guest }
 }
 
 /// A function of the C library behind one of ours.

@@ -2,7 +2,7 @@
 #![allow(unsafe_code, reason = "address of unsafe: symbol interposition")]
 
 use super::leave::fault;
-use super::{Caller, Real, Reals, caller, is_ours, missing};
+use super::{Real, Reals, is_ours, missing};
 use crate::sys::trap;
 
 // SAFETY: process and signal, returns a status.
@@ -36,7 +36,7 @@ pub(in crate::sys) fn is_self(process: i32) -> bool {
 }
 
 fn refuse(signal: i32) {
-    if is_fatal(signal) && caller() != Caller::Daemon {
+    if is_fatal(signal) {
         fault();
     }
 }

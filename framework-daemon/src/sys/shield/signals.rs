@@ -29,13 +29,11 @@ static SIGHOLD: Real<OneSignal> = unsafe { Real::new(c"sighold") };
 static SIGPROCMASK: Real<SetMask> = unsafe { Real::new(c"sigprocmask") };
 // SAFETY: how, new and old mask, returns an error number.
 static PTHREAD_SIGMASK: Real<SetMask> = unsafe { Real::new(c"pthread_sigmask") };
-// SAFETY: mask, returns a status.
-static SIGSUSPEND: Real<unsafe extern "C" fn(*const Set) -> i32> = unsafe { Real::new(c"sigsuspend") };
 // SAFETY: new and old stack, returns a status.
 static SIGALTSTACK: Real<unsafe extern "C" fn(*const Stack, *mut Stack) -> i32> = unsafe { Real::new(c"sigaltstack") };
 
 pub(super) static REALS: Reals =
-    &[&SIGACTION, &SIGNAL, &SIGSET, &SIGIGNORE, &SIGHOLD, &SIGPROCMASK, &PTHREAD_SIGMASK, &SIGSUSPEND, &SIGALTSTACK];
+    &[&SIGACTION, &SIGNAL, &SIGSET, &SIGIGNORE, &SIGHOLD, &SIGPROCMASK, &PTHREAD_SIGMASK, &SIGALTSTACK];
 
 /// What supervisors and terminals tell the daemon, and what a pipe tells it that nobody reads.
 const TOLD: [i32; 5] = [libc::SIGTERM, libc::SIGINT, libc::SIGHUP, libc::SIGPIPE, libc::SIGUSR1];
@@ -111,7 +109,7 @@ impl Kept {
 }
 
 /// A copy without the signals that are ours.
-fn without_ours(set: &Set) -> Set {
+pub(super) fn without_ours(set: &Set) -> Set {
     let mut set = *set;
     for signal in (1..=SIGNAL_MAX as i32).filter(|signal| is_ours(*signal)) {
         // SAFETY: a live set and a valid number.
@@ -333,20 +331,6 @@ pub unsafe extern "C" fn pthread_sigmask(how: i32, new: *const Set, old: *mut Se
     PTHREAD_SIGMASK.get().map_or(libc::ENOSYS, |real| unsafe { set_mask(real, how, new, old) })
 }
 
-/// As the C library's; signals that are ours stay open while it waits.
-///
-/// # Safety
-/// As the C library's.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn sigsuspend(mask: *const Set) -> i32 {
-    let Some(real) = SIGSUSPEND.get() else { return missing() };
-    // SAFETY: the caller's set is valid, as for the C library's function.
-    unsafe {
-        let harmless = mask.as_ref().filter(|_| caller() != Caller::Daemon).map(without_ours);
-        real(harmless.as_ref().map_or(mask, std::ptr::from_ref))
-    }
-}
-
 /// As the C library's; for plugin code it changes nothing: the stack that is there is the handler's.
 ///
 /// # Safety
@@ -361,12 +345,12 @@ pub unsafe extern "C" fn sigaltstack(new: *const Stack, old: *mut Stack) -> i32 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sys::fiber::{Ended, Fiber};
+    use crate::sys::fiber::{Ended, Fiber, NEVER};
 
     /// Runs as a component's callback does.
     fn as_plugin<T>(closure: impl Fn() -> T) -> T {
         let mut result = None;
-        let ended = Fiber::new(64 << 10).unwrap().run(crate::sys::fiber::NEVER, &mut || result = Some(closure()));
+        let ended = Fiber::new(64 << 10).unwrap().run(NEVER, &mut || result = Some(closure()));
         assert_eq!(ended, Ended::Returned);
         result.unwrap()
     }

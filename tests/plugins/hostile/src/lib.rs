@@ -3,6 +3,8 @@
 //! Faults in `on_execute` are provoked by the SDK's shim; these are for all other callbacks, for constructors and drops.
 #![allow(unsafe_code, reason = "faults on purpose")]
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use component_sdk::prelude::*;
 
 /// Fails in one of its callbacks, once in a process, or each time.
@@ -102,6 +104,55 @@ impl Default for Part {
 
 impl Callbacks for Stillborn {}
 
+/// Counts the instances of the process; some of them cannot be initialised.
+#[derive(Component)]
+#[component(name = "Heir", version = "1.0", periodic = "5ms")]
+pub struct Heir {
+    /// The first one that fails.
+    #[property(default = 2)]
+    from: u64,
+    /// The first one after it that does not.
+    #[property(default = 4)]
+    until: u64,
+    /// `panic`, `segv`, `error`.
+    #[property(default = "panic")]
+    how: String,
+    #[port]
+    said: DataOut<Range>,
+    number: u64,
+}
+
+static HEIRS: AtomicU64 = AtomicU64::new(0);
+
+impl Callbacks for Heir {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.said.write(Range { range: self.number as f32, ..Range::default() });
+        Ok(())
+    }
+    fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
+        self.number = HEIRS.fetch_add(1, Ordering::Relaxed) + 1;
+        if (self.from..self.until).contains(&self.number) {
+            return fail(&self.how);
+        }
+        info!(cx, "heir {} is ready", self.number);
+        Ok(())
+    }
+    fn recover(&mut self, cx: &mut Context<'_>, _: &FaultInfo<'_>) -> Outcome {
+        info!(cx, "heir {} succeeds", self.number);
+        Ok(())
+    }
+    fn destroy(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "heir {} ends", self.number);
+        Ok(())
+    }
+    fn rehearse(&mut self, cx: &mut Context<'_>) -> Outcome {
+        let mut said = self.said.loan();
+        said.range = -1.0;
+        info!(cx, "heir {} rehearses: {:?}", self.number, said.send());
+        Ok(())
+    }
+}
+
 /// Does not return from each tenth `on_execute`, in one of several ways; or traps inside the C library.
 #[derive(Component)]
 #[component(name = "Stuck", version = "1.0", periodic = "2ms")]
@@ -168,4 +219,4 @@ fn stick(how: &str) {
     }
 }
 
-export_components!(Doomed, Stillborn, Stuck);
+export_components!(Doomed, Stillborn, Heir, Stuck);

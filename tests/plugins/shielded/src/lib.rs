@@ -1,6 +1,9 @@
 //! A component that reaches for the process that it runs in: its handlers, its masks, its end, its threads.
 #![allow(unsafe_code, reason = "faults on purpose")]
 
+use std::os::unix::process::CommandExt;
+use std::process::Command;
+
 use component_sdk::prelude::*;
 
 /// On its own thread: what would end the process.
@@ -50,6 +53,7 @@ fn commit(deed: &str) -> Outcome {
         "raise segv" => _ = unsafe { libc::raise(libc::SIGSEGV) },
         // SAFETY: a signal to this thread.
         "pthread_kill" => _ = unsafe { libc::pthread_kill(libc::pthread_self(), libc::SIGKILL) },
+        "exec" => return Err(Command::new("true").exec().into()),
         // SAFETY: none; the thread is not this component's.
         "pthread_exit" => unsafe { libc::pthread_exit(std::ptr::null_mut()) },
         "exit" => std::process::exit(0),

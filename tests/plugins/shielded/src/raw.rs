@@ -19,6 +19,8 @@ pub(crate) fn commit(deed: &str) -> Result<Outcome, ()> {
             "syscall handler reset" => reset_handler(by_function),
             "asm handler reset" => reset_handler(|args| instruction(libc::SYS_rt_sigaction, args)),
             "asm mask" => mask_all(),
+            "asm own stack" => on_own_stack(),
+            "asm wild stack" => lose_stack(),
             "asm signal stack" => disable_signal_stack(),
             _ => return Err(()),
         }
@@ -55,6 +57,43 @@ fn disable_signal_stack() {
     let result = unsafe { instruction(libc::SYS_sigaltstack, [(&raw const none).addr(), 0, 0, 0]) };
     assert_eq!(result, 0, "it seems to succeed");
     std::hint::black_box(crate::overflow(1));
+}
+
+/// Fails on a stack that it brought along, as a library with coroutines of its own does.
+#[cfg(target_arch = "x86_64")]
+fn on_own_stack() {
+    let mut stack = vec![0u8; 256 << 10];
+    let top = stack.as_mut_ptr_range().end.addr() & !15;
+    // SAFETY: a stack of its own for a function that does not return; the old one is restored if it did.
+    unsafe {
+        std::arch::asm!("mov r12, rsp", "mov rsp, {top}", "call {body}", "mov rsp, r12", top = in(reg) top,
+            body = sym fail, out("r12") _, clobber_abi("C"));
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+extern "C" fn fail() {
+    null_write();
+}
+
+/// Loses its stack pointer.
+#[cfg(target_arch = "x86_64")]
+fn lose_stack() {
+    // SAFETY: none; the push faults, which is its purpose.
+    unsafe { std::arch::asm!("mov rsp, {wild}", "push rax", wild = in(reg) 4096usize, options(noreturn)) };
+}
+
+/// Fails on a stack that it brought along, as a library with coroutines of its own does.
+#[cfg(target_arch = "aarch64")]
+fn on_own_stack() {
+    null_write();
+}
+
+/// Loses its stack pointer.
+#[cfg(target_arch = "aarch64")]
+fn lose_stack() {
+    // SAFETY: none; the store faults, which is its purpose.
+    unsafe { std::arch::asm!("mov sp, {wild}", "str x0, [sp]", wild = in(reg) 4096usize, options(noreturn)) };
 }
 
 /// A system call by an instruction in this component's own text.

@@ -1,0 +1,78 @@
+//! Instances come and go here: constructor and `initialize` before, `stop`, `destroy` and the drop after. Executors and the
+//! workshop share it, each with its own crew.
+
+use component_sdk::abi::class::Hook;
+
+use super::callback::{self, Call};
+use super::member::Crew;
+use super::slot::{Slot, Status};
+use super::unit::{Recipe, Unit};
+use crate::model::fault::Fault;
+use crate::model::symptom::Symptom;
+
+impl Crew {
+    /// An initialised instance after a recipe.
+    ///
+    /// # Errors
+    /// The fault of its constructor or of `initialize`.
+    pub fn make(&mut self, slot: &Slot, recipe: &Recipe) -> Result<Unit, Fault> {
+        let parts = recipe.gather(slot).map_err(|text| callback::told(Symptom::Error, &text))?;
+        let unit = callback::create(&mut self.fibers, slot.name, parts);
+        self.lost |= unit.as_ref().is_err_and(|fault| fault.symptom.loses_instance());
+        let unit = unit?;
+        self.first(slot, unit, Hook::Initialize)
+    }
+
+    /// An initialised instance that is to stand ready: it runs a dry callback, so that its code, its memory and the way
+    /// to it are warm.
+    ///
+    /// # Errors
+    /// The fault of its constructor, of `initialize` or of `rehearse`.
+    pub fn prepare(&mut self, slot: &Slot, recipe: &Recipe) -> Result<Unit, Fault> {
+        let unit = self.make(slot, recipe)?;
+        self.first(slot, unit, Hook::Rehearse)
+    }
+
+    /// Enters one of the first callbacks of a unit that is not in use yet.
+    fn first(&mut self, slot: &Slot, mut unit: Unit, hook: Hook) -> Result<Unit, Fault> {
+        match self.enter(slot, &mut unit, Call::plain(hook)) {
+            Ok(()) => Ok(unit),
+            Err(fault) => {
+                self.dispose(slot, unit);
+                Err(fault)
+            }
+        }
+    }
+
+    /// Enters a callback of a unit of that slot.
+    ///
+    /// # Errors
+    /// The fault that ended it.
+    pub fn enter(&mut self, slot: &Slot, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
+        let result = callback::enter(&mut self.fibers, slot.name, unit, call);
+        self.lost |= unit.spent;
+        result
+    }
+
+    /// Ends a unit that was ready, or left on the shelf: in order where it is sound. What it does about that changes nothing any more.
+    pub fn end(&mut self, slot: &Slot, mut unit: Unit) {
+        if unit.spent {
+            // Counted by its executor, at once.
+            return unit.quarantine();
+        }
+        for hook in [Hook::Stop, Hook::Destroy] {
+            if !unit.spent && (hook == Hook::Destroy || unit.started) {
+                let _ = self.enter(slot, &mut unit, Call::plain(hook));
+            }
+        }
+        self.dispose(slot, unit);
+    }
+
+    /// Gets rid of a unit: dropped where it is sound, quarantined and counted where it is not.
+    pub fn dispose(&mut self, slot: &Slot, unit: Unit) {
+        if !callback::dispose(&mut self.fibers, slot.name, unit) {
+            Status::count(&slot.status.quarantined);
+            self.lost = true;
+        }
+    }
+}

@@ -126,9 +126,7 @@ pub const CLASSES: &[Class] = &[
     Class::again("threads", "PanicOnThread", PANIC),
     Class::again("threads", "StackOverflowOnThread", STACK),
     Class::again("threads", "AbortOnThread", ABORT),
-    Class::again("float", "FloatControlThenFault", SEGV)
-        .with_neighbour()
-        .not_contained("the control word is not restored"),
+    Class::again("float", "FloatControlThenFault", SEGV).with_neighbour(),
     Class::again("float", "FloatControlLeft", &[])
         .with_neighbour()
         .refused()

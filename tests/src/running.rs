@@ -156,6 +156,12 @@ impl Running {
         }
     }
 
+    /// Its process.
+    #[must_use]
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Sends a signal: `HUP`, `TERM`, `INT`.
     ///
     /// # Panics

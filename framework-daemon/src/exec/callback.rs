@@ -12,7 +12,7 @@ use crate::port::check;
 use crate::sys::clock;
 use crate::sys::fiber::FiberPool;
 use crate::sys::foreign::{Event, Owner};
-use crate::sys::trap::Trap;
+use crate::sys::trap::{Site, Trap};
 
 /// What a callback is entered with.
 #[derive(Clone, Copy)]
@@ -150,15 +150,16 @@ fn trapped(trap: &Trap) -> Fault {
 
 /// The fault of a thread that a component started; `None`: it only ended.
 pub(super) fn astray(event: &Event, at_ns: u64) -> Option<Fault> {
-    let (symptom, evidence, memory) = match event {
+    let (symptom, evidence, memory, thread_lost) = match event {
+        // Elsewhere a lock may be held, and stays so.
         Event::Trapped(trap) => {
             let symptom = crash::of_trap(trap);
-            (symptom, Evidence::Trap(trap.evidence), taint::of_trap(symptom, trap))
+            (symptom, Evidence::Trap(trap.evidence), taint::of_trap(symptom, trap), trap.site == Site::Elsewhere)
         }
-        Event::Panicked(evidence) => (Symptom::CrashPanic, *evidence, Memory::Sound),
+        Event::Panicked(evidence) => (Symptom::CrashPanic, *evidence, Memory::Sound, false),
         Event::Ended => return None,
     };
-    Some(Fault { at_ns, memory, ..Fault::told(symptom, clock::now_ns(), evidence) })
+    Some(Fault { at_ns, memory, thread_lost, ..Fault::told(symptom, clock::now_ns(), evidence) })
 }
 
 /// A fault that was told by a text: what the component noted, or `text` where it noted nothing.

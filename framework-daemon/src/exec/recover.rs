@@ -299,6 +299,7 @@ impl Member {
             unit.close();
             self.clear(unit, crew);
         }
+        self.shelf.retire();
         Step::Stopped
     }
 

@@ -20,6 +20,7 @@ use super::fence::{self, Verdict};
 use super::last_words::{self, Death, End};
 use super::pulse::Pulse;
 use super::relay::Relay;
+use super::shield::handlers;
 use super::{arch, clock, foreign, heap, leaf, shield, text, thread};
 use crate::model::fault::TrapEvidence;
 use crate::model::limits::{HANG_ATTEMPTS, HANG_ATTEMPTS_IN_DAEMON, STACK_WORDS};
@@ -127,6 +128,7 @@ impl Armed {
 
     /// Says that the fiber runs on this thread from now on and must return until then. Fibers do not nest.
     pub(super) fn arm(&self, deadline_ns: u64) {
+        handlers::forget();
         ARMED.set(self);
         self.pulse.begin(deadline_ns);
     }
@@ -197,6 +199,7 @@ impl Armed {
     /// Ends the fiber where no lock can be held, the thread elsewhere.
     fn end(&self, mut trap: Trap, context: &mut libc::ucontext_t) {
         let here = trap.site != Site::Elsewhere;
+        handlers::forget();
         match self.relay.filter(|_| !here) {
             None => {
                 self.trap.set(Some(trap));
@@ -281,7 +284,7 @@ pub fn raise_check() {
 }
 
 fn strike_fiber(raised: Raised) {
-    if on_fiber() {
+    if on_fiber() || handlers::is_here() {
         RAISED.set(raised);
         arch::strike();
     }
@@ -315,6 +318,9 @@ fn set_handler(signal: i32, handler: Handler) {
         // No SA_NODEFER: a second trap of this kind inside the handler ends the process instead of recursing. SA_RESTART
         // for a watchdog's signal that comes too late to matter.
         new.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART;
+        // Nobody else's handler in the middle of it.
+        libc::sigfillset(&raw mut new.sa_mask);
+        SIGNALS.into_iter().for_each(|signal| _ = libc::sigdelset(&raw mut new.sa_mask, signal));
         libc::sigaction(signal, &raw const new, std::ptr::null_mut());
     }
 }
@@ -338,6 +344,12 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     trap.exited = raised == Raised::Exit || verdict == Some(Verdict::Leaves);
     // A copy of this process that a plugin made is no business of ours, nor is a signal from outside.
     let is_guest = sent != Some(false) && !shield::is_copy();
+    if is_guest && handlers::is_here() {
+        let here = Trap { site: Site::of(address, pc, 0), ..trap };
+        if handlers::struck(here, context) {
+            return;
+        }
+    }
     if let Some(armed) = armed().filter(|armed| is_guest && armed.holds(pc, sp)) {
         // The function that makes any system call holds no lock.
         trap.site = if verdict.is_some() { Site::Leaf } else { armed.site(address, context) };

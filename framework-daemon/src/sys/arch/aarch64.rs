@@ -80,6 +80,12 @@ pub unsafe fn system_call(number: i64, arguments: [usize; 6]) -> isize {
     result
 }
 
+/// Goes on where `from` was interrupted.
+pub fn resume(context: &mut libc::ucontext_t, from: &libc::ucontext_t) {
+    context.uc_mcontext = from.uc_mcontext;
+    context.uc_sigmask = from.uc_sigmask;
+}
+
 /// What the interrupted system call was given.
 #[must_use]
 pub fn arguments(context: &libc::ucontext_t) -> [usize; 6] {

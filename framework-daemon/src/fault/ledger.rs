@@ -60,8 +60,7 @@ fn taint(event: &FaultEvent) -> Verdict {
     let FaultEvent { slot, fault, .. } = event;
     let (symptom, message) = (fault.symptom.name(), fault.evidence.text());
     let reason = format!(
-        "memory is suspect after {symptom} of slot {slot} ({}), and the system profile says on_taint=\"restart\"",
-        message
+        "memory is suspect after {symptom} of slot {slot} ({message}), and the system profile says on_taint=\"restart\""
     );
     Verdict::Restart(RestartRequest { reason })
 }

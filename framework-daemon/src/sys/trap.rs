@@ -365,7 +365,7 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
         last_words::speak(&Death { end: End::Crash, signal, address, pc, sender: sent.map(|_| sender(info)) });
     }
     shield::stand_down();
-    end_by(signal)
+    end_by(signal);
 }
 
 /// What a signal frame tells.

@@ -94,7 +94,10 @@ impl<'a> Context<'a> {
     }
 
     /// Registers memory outside the component's own fields as part of its checkpoint (the paper's
-    /// `critical(void*, int)`). Fields are registered by `#[critical]`, which is safe.
+    /// `critical(void*, int)`), best in `initialize`. Fields are registered by `#[critical]`.
+    ///
+    /// With a `<checkpoint>` in the profile the region is copied between callbacks, and put back under the same name
+    /// into the instance that succeeds this one: plain data only, no pointers.
     pub fn critical(&self, name: &str, region: &'static mut [u8]) {
         (self.host.critical)(RStr::from_str(name), region.as_mut_ptr(), region.len());
     }

@@ -24,7 +24,7 @@ use crate::supervise::shutdown::shutdown;
 use crate::supervise::system::{Placed, System};
 use crate::sys::foreign::{self, Owner, Report};
 use crate::sys::signals::{self, Request};
-use crate::sys::{fence, log_ring, shield, trap};
+use crate::sys::{fence, log_ring, memory, shield, trap};
 
 /// What `run` is told.
 #[derive(Clone, Debug)]
@@ -77,6 +77,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<(), RunError> {
     check_injections(&settings.injections, &loaded.plan)?;
     let requests = signals::listen()?;
     log_ring::start()?;
+    memory::lock_all().unwrap_or_else(|reason| tracing::warn!("{reason}"));
     let strays = foreign::listen()?;
     trap::install();
     shield::install();

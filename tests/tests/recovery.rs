@@ -107,3 +107,91 @@ fn a_stop_wins_over_a_recovery_that_breathes() {
     assert!(faults.len() < 14, "it did not try all that was left: {}", faults.len());
     assert_eq!(slots[0]["state"], "error");
 }
+
+/// A slot that keeps numbers, with a checkpoint or without.
+fn keeper(properties: &str, rules: &str) -> Profiles {
+    let rules = format!(
+        "<properties>{properties}</properties><fault_tolerance><severity>reset</severity>{rules}</fault_tolerance>"
+    );
+    let profiles = Profiles::new(&application(&[slot("keeper", "Keeper", &rules)], &[]));
+    profiles.describe(&plugin_dir().join("libhostile.so"));
+    profiles
+}
+
+/// Where each instance went on from: the number outside it and the one inside.
+fn starts(daemon: &Running) -> Vec<(u64, u64)> {
+    let numbers = |line: &String| {
+        let (outside, inside) = line.split("goes on from ").nth(1)?.split_once(" and ")?;
+        Some((outside.parse().ok()?, inside.parse().ok()?))
+    };
+    daemon.lines("keeper goes on from").iter().filter_map(numbers).collect()
+}
+
+#[test]
+fn a_successor_goes_on_from_the_last_checkpoint() {
+    let secondary = "<reset limit=\"1\"/><secondary reference=\"Keeper.xml\"/><checkpoint period=\"10ms\"/>";
+    let inject = ["--inject", "keeper:crash.segv@0.3", "--inject", "keeper:crash.segv@0.5"];
+    let mut daemon = Running::start(keeper("", secondary).path(), &inject);
+    let faults = daemon.journal("fault", 2);
+    assert!(faults.iter().all(|fault| fault["outcome"] == "recovered"));
+    assert!(faults.iter().all(|fault| fault["checkpoint"].as_u64() > Some(0)), "its age is told: {faults:?}");
+    daemon.wait_for_lines("keeper goes on from", 3);
+    daemon.stop();
+    let starts = starts(&daemon);
+    assert_eq!(starts[0], (0, 0));
+    // 300 ms are 150 cycles, of which at most one checkpoint's are lost.
+    assert!(starts[1].0 > 50 && starts[2].0 > starts[1].0, "{starts:?}");
+    assert!(starts.iter().all(|(outside, inside)| outside == inside), "both are of one moment: {starts:?}");
+}
+
+#[test]
+fn without_a_checkpoint_a_successor_begins_anew() {
+    let mut daemon = Running::start(keeper("", "").path(), &["--inject", "keeper:crash.segv@0.2"]);
+    assert_eq!(daemon.journal("fault", 1)[0].get("checkpoint"), None);
+    daemon.wait_for_lines("keeper goes on from", 2);
+    daemon.stop();
+    assert_eq!(starts(&daemon), [(0, 0), (0, 0)]);
+}
+
+#[test]
+fn a_region_that_is_not_there_is_a_fault_of_the_slot_that_registered_it() {
+    let wild = "<property name=\"wild\" type=\"bool\">true</property>";
+    let profiles = keeper(wild, "<reset limit=\"2\" within=\"60s\"/><checkpoint period=\"10ms\"/>");
+    profiles.replace("app.xml", "</subcomponents>", &format!("{}</subcomponents>", slot("ticker", "Ticker", "")));
+    let mut daemon = Running::start(profiles.path(), &[]);
+    let faults = daemon.journal("fault", 3);
+    assert!(faults.iter().all(|fault| fault["slot"] == "keeper" && fault["symptom"] == "crash.segv"));
+    let actions: Vec<_> = faults.iter().map(|fault| fault["action"].as_str().unwrap()).collect();
+    assert_eq!(actions, ["reset", "reset", "stop"]);
+    let slots = daemon.stop();
+    assert_eq!((slots[1]["state"].as_str(), slots[1]["faults"].as_u64()), (Some("active"), Some(0)));
+}
+
+#[test]
+fn a_reload_while_a_spare_is_being_made_ends_what_was_made() {
+    let profiles = heirs(&[("from", "100"), ("until", "100"), ("slow", "100")], "<spare count=\"1\"/>");
+    let mut daemon = Running::start(profiles.path(), &[]);
+    for (number, (before, after)) in [("1", "8"), ("8", "2")].into_iter().enumerate() {
+        profiles.replace("app.xml", &format!("count=\"{before}\""), &format!("count=\"{after}\""));
+        daemon.signal("HUP");
+        assert_eq!(daemon.journal("reload", number + 1)[number]["changed"], serde_json::json!(["heir"]));
+    }
+    daemon.stop();
+    // All that were ready ended: primaries, spares, and the one that was in the making.
+    let (mut ready, mut ended) = (numbers(&daemon, "is ready"), numbers(&daemon, "ends"));
+    ready.sort_unstable();
+    ended.sort_unstable();
+    assert_eq!(ready, ended);
+}
+
+#[test]
+fn memory_is_locked_where_permitted_and_the_log_names_the_way_out_where_not() {
+    let mut daemon = Running::start(heirs(&[], "").path(), &[]);
+    let status = std::fs::read_to_string(format!("/proc/{}/status", daemon.id())).unwrap();
+    let field = |name: &str| status.lines().find_map(|line| line.strip_prefix(name)).unwrap_or_default().to_owned();
+    let locked: u64 = field("VmLck:").trim_end_matches("kB").trim().parse().unwrap();
+    let permitted = u64::from_str_radix(field("CapEff:").trim(), 16).unwrap() & (1 << 14) != 0;
+    daemon.stop();
+    let warned = daemon.lines("memory is not locked").len();
+    assert!(if permitted { locked > 0 && warned == 0 } else { warned <= 1 }, "{locked} kB locked, {warned} warnings");
+}

@@ -73,6 +73,23 @@ pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Resul
     }
 }
 
+/// Runs a closure that touches memory of `unit`, guarded as its callbacks are.
+///
+/// # Errors
+/// The fault that ended it: the memory is not there.
+pub fn touch(
+    fibers: &mut FiberPool,
+    slot: &'static str,
+    unit: &mut Unit,
+    closure: &mut dyn FnMut(),
+) -> Result<(), Fault> {
+    let (owner, limits) = (Owner { slot, instance: unit.number }, unit.limits);
+    let deadline_ns = clock::now_ns().saturating_add(limits.hang_ns);
+    let result = guarded(fibers, owner, limits.stack_bytes, deadline_ns, closure);
+    unit.spent |= result.is_err();
+    result
+}
+
 /// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop; false then.
 pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bool {
     unit.close();

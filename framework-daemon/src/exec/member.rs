@@ -7,6 +7,7 @@ use std::sync::atomic::Ordering;
 use component_sdk::abi::class::Hook;
 
 use super::callback::{self, Call};
+use super::checkpoint::Checkpoint;
 use super::recover::Breath;
 use super::slot::{Slot, Status};
 use super::trigger::Signal;
@@ -64,6 +65,8 @@ pub struct Member {
     pub inject: VecDeque<u8>,
     /// A fault that was raised while the instance was initialised or recovered; answered before it runs on.
     pub early: Option<Fault>,
+    /// What a successor goes on from.
+    pub checkpoint: Option<Checkpoint>,
     /// A recovery that waits for its next try.
     pub breath: Option<Box<Breath>>,
 }
@@ -207,10 +210,25 @@ impl Member {
     fn completed(&mut self, took_ns: u64, crew: &mut Crew) {
         Status::count(&self.slot.status.cycles);
         self.slot.status.longest_ns.fetch_max(took_ns, Ordering::Relaxed);
-        self.answer_side_report(crew);
+        match callback::side_report() {
+            Some(fault) => self.handle(&fault, crew),
+            None => self.judge_time(took_ns, crew),
+        }
+    }
+
+    /// An overrun, or a checkpoint where one is due: of an instance that works.
+    fn judge_time(&mut self, took_ns: u64, crew: &mut Crew) {
         let limits = self.unit.as_ref().map(|unit| unit.limits);
-        if let Some(fault) = limits.and_then(|limits| limits.late(took_ns))
-            && self.state() == State::Active
+        match limits.and_then(|limits| limits.late(took_ns)) {
+            Some(fault) => self.handle(&fault, crew),
+            None => self.back_up(crew),
+        }
+    }
+
+    fn back_up(&mut self, crew: &mut Crew) {
+        let (Some(checkpoint), Some(unit)) = (&mut self.checkpoint, &mut self.unit) else { return };
+        if checkpoint.is_due()
+            && let Err(fault) = crew.back_up(&self.slot, unit, checkpoint)
         {
             self.handle(&fault, crew);
         }

@@ -7,6 +7,9 @@
 /// The one place where a callback is entered: fiber, injection, outcome.
 pub mod callback;
 
+/// What a successor goes on from.
+pub mod checkpoint;
+
 /// One schedule: which members, in which order, until told to stop.
 pub mod executor;
 

@@ -4,11 +4,14 @@
 use component_sdk::abi::class::Hook;
 
 use super::callback::{self, Call};
+use super::checkpoint::{Checkpoint, Region};
 use super::member::Crew;
 use super::slot::{Slot, Status};
 use super::unit::{Recipe, Unit};
 use crate::model::fault::Fault;
+use crate::model::names;
 use crate::model::symptom::Symptom;
+use crate::plugin::host;
 
 impl Crew {
     /// An initialised instance after a recipe.
@@ -51,7 +54,44 @@ impl Crew {
     pub fn enter(&mut self, slot: &Slot, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
         let result = callback::enter(&mut self.fibers, slot.name, unit, call);
         self.lost |= unit.spent;
+        while let Some(note) = host::take_region() {
+            let name = names::intern(note.name.as_str());
+            unit.register(Region { name, address: note.address, len: note.len });
+        }
         result
+    }
+
+    /// Copies an instance's critical regions.
+    ///
+    /// # Errors
+    /// The fault that the copy met.
+    pub fn back_up(&mut self, slot: &Slot, unit: &mut Unit, checkpoint: &mut Checkpoint) -> Result<(), Fault> {
+        let regions = std::mem::take(&mut unit.regions);
+        let has_room = checkpoint.make_room(&regions);
+        let copied = if has_room {
+            callback::touch(&mut self.fibers, slot.name, unit, &mut || checkpoint.copy(&regions))
+        } else {
+            Ok(())
+        };
+        unit.regions = regions;
+        self.lost |= unit.spent;
+        if has_room && copied.is_ok() {
+            checkpoint.seal();
+        }
+        copied
+    }
+
+    /// Puts the last checkpoint into a successor; returns its age in nanoseconds, or nothing where there is none that fits.
+    ///
+    /// # Errors
+    /// The fault that the copy met.
+    pub fn restore(&mut self, slot: &Slot, unit: &mut Unit, checkpoint: &Checkpoint) -> Result<Option<u64>, Fault> {
+        let Some(age_ns) = checkpoint.age_for(&unit.regions) else { return Ok(None) };
+        let regions = std::mem::take(&mut unit.regions);
+        let restored = callback::touch(&mut self.fibers, slot.name, unit, &mut || checkpoint.restore(&regions));
+        unit.regions = regions;
+        self.lost |= unit.spent;
+        restored.map(|()| Some(age_ns))
     }
 
     /// Ends a unit that was ready, or left on the shelf: in order where it is sound. What it does about that changes nothing any more.

@@ -9,6 +9,7 @@ use abi_stable::std_types::RStr;
 use component_sdk::abi::class::{FaultArgs, Hook};
 
 use super::callback::{self, Call};
+use super::checkpoint::Checkpoint;
 use super::member::{Crew, Member, nanoseconds};
 use super::slot::Status;
 use super::unit::Unit;
@@ -46,7 +47,15 @@ pub struct Climb {
     /// What the last failed try ended with.
     second: Option<Fault>,
     failures: usize,
+    record: Record,
+}
+
+/// What is written down of it.
+#[derive(Clone, Copy, Default)]
+struct Record {
     times: Times,
+    /// Age of the checkpoint that the successor went on from.
+    checkpoint_ns: Option<u64>,
 }
 
 /// A recovery that failed more than once: the next try waits, and the executor runs its other slots meanwhile.
@@ -54,6 +63,12 @@ pub struct Breath {
     fault: Fault,
     climb: Climb,
     until_ns: u64,
+}
+
+impl Record {
+    fn begin(fault: &Fault) -> Self {
+        Self { times: Times { decided_ns: since(fault), ..Times::default() }, checkpoint_ns: None }
+    }
 }
 
 impl Breath {
@@ -70,14 +85,14 @@ impl Member {
         Status::count(&self.slot.status.faults);
         let class = self.slot.status.class();
         let answer = self.look_up(fault);
-        let times = Times { decided_ns: since(fault), ..Times::default() };
+        let record = Record::begin(fault);
         if answer == Answer::Ignore {
-            self.tell_manager(fault, class, answer, Outcome::Ignored, times, crew);
+            self.tell_manager(fault, class, answer, Outcome::Ignored, record, crew);
             return;
         }
         self.step(Event::Fault);
         self.slot.outputs.iter().for_each(|port| port.forget_episodes());
-        self.climb(fault, Climb { class, answer, second: None, failures: 0, times }, crew);
+        self.climb(fault, Climb { class, answer, second: None, failures: 0, record }, crew);
     }
 
     /// An instance that cannot be entered again cannot be ignored either.
@@ -94,14 +109,14 @@ impl Member {
         loop {
             let cause = climb.second.as_ref().unwrap_or(fault);
             let step = match climb.answer {
-                Answer::Reset => self.reset(cause, fault, &mut climb.times, crew),
-                Answer::Replace => self.replace(cause, fault, &mut climb.times, crew),
+                Answer::Reset => self.reset(cause, fault, &mut climb.record, crew),
+                Answer::Replace => self.replace(cause, fault, &mut climb.record, crew),
                 Answer::Stop | Answer::Ignore | Answer::Prepare => self.fault_stop(cause, crew),
             };
-            let Climb { class, answer, times, .. } = climb;
+            let Climb { class, answer, record, .. } = climb;
             match step {
-                Step::Works => self.tell_manager(fault, class, answer, Outcome::Recovered, times, crew),
-                Step::Stopped => self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, times, crew),
+                Step::Works => self.tell_manager(fault, class, answer, Outcome::Recovered, record, crew),
+                Step::Stopped => self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, record, crew),
                 Step::Failed(second) => {
                     self.fail(&second, answer, crew);
                     climb.answer =
@@ -124,7 +139,7 @@ impl Member {
     /// A recovery failed itself.
     fn fail(&self, second: &Fault, answer: Answer, crew: &Crew) {
         Status::count(&self.slot.status.faults);
-        self.tell_manager(second, self.slot.status.class(), answer, Outcome::Failed, Times::default(), crew);
+        self.tell_manager(second, self.slot.status.class(), answer, Outcome::Failed, Record::default(), crew);
     }
 
     /// The next try waits, longer each time.
@@ -147,16 +162,16 @@ impl Member {
     /// A stop wins over a recovery that waits for its next try.
     pub(super) fn give_up(&mut self, crew: &Crew) {
         if let Some(breath) = self.breath.take() {
-            let Climb { class, times, .. } = breath.climb;
-            self.tell_manager(&breath.fault, class, Answer::Stop, Outcome::Stopped, times, crew);
+            let Climb { class, record, .. } = breath.climb;
+            self.tell_manager(&breath.fault, class, Answer::Stop, Outcome::Stopped, record, crew);
         }
     }
 
     /// The same instance where it is sound; a spare or, where none is ready, a fresh one of its class else.
-    fn reset(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
+    fn reset(&mut self, cause: &Fault, fault: &Fault, record: &mut Record, crew: &mut Crew) -> Step {
         if self.unit.as_ref().is_none_or(|unit| unit.spent) {
             let successor = self.shelf.take().map_or_else(|| self.make(self.shelf.in_use(), crew), Ok);
-            return self.succeed(successor, cause, fault, times, crew);
+            return self.succeed(successor, cause, fault, record, crew);
         }
         for hook in [Hook::Error, Hook::Reset] {
             let args = told(self.slot.name, cause);
@@ -173,16 +188,16 @@ impl Member {
             return Step::Failed(second);
         }
         self.keep_side_report();
-        self.put_to_work(fault, times, crew)
+        self.put_to_work(fault, record, crew)
     }
 
     /// The next secondary.
-    fn replace(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
+    fn replace(&mut self, cause: &Fault, fault: &Fault, record: &mut Record, crew: &mut Crew) -> Step {
         let Some(index) = self.ladder.secondary() else { return self.fault_stop(cause, crew) };
         let ready = self.standbys[index].unit.take();
         self.shelf.follow(index + 1);
         let unit = ready.map_or_else(|| self.make(index + 1, crew), Ok);
-        self.succeed(unit, cause, fault, times, crew)
+        self.succeed(unit, cause, fault, record, crew)
     }
 
     /// Puts a successor in the place of the instance in use.
@@ -191,7 +206,7 @@ impl Member {
         successor: Result<Unit, Fault>,
         cause: &Fault,
         fault: &Fault,
-        times: &mut Times,
+        record: &mut Record,
         crew: &mut Crew,
     ) -> Step {
         let unit = match successor {
@@ -202,12 +217,29 @@ impl Member {
         self.unit.iter().for_each(Unit::close);
         unit.open();
         let old = self.unit.replace(unit);
-        let step = self.take_over(cause, fault, times, crew);
+        let step = match self.restore(crew) {
+            Ok(age_ns) => {
+                record.checkpoint_ns = age_ns;
+                self.take_over(cause, fault, record, crew)
+            }
+            Err(second) => Step::Failed(second),
+        };
+        if matches!(step, Step::Failed(_)) && record.checkpoint_ns.take().is_some() {
+            self.checkpoint.iter_mut().for_each(Checkpoint::forget);
+        }
         // The old one's end is nobody's hurry.
         if let Some(old) = old {
             self.clear(old, crew);
         }
         step
+    }
+
+    /// The successor goes on from the slot's checkpoint.
+    fn restore(&mut self, crew: &mut Crew) -> Result<Option<u64>, Fault> {
+        match (&self.checkpoint, &mut self.unit) {
+            (Some(checkpoint), Some(unit)) => crew.restore(&self.slot, unit, checkpoint),
+            _ => Ok(None),
+        }
     }
 
     /// Leaves a unit to the workshop.
@@ -220,7 +252,7 @@ impl Member {
         }
     }
 
-    fn take_over(&mut self, cause: &Fault, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
+    fn take_over(&mut self, cause: &Fault, fault: &Fault, record: &mut Record, crew: &mut Crew) -> Step {
         let args = told(self.slot.name, cause);
         if let Err(second) = self.enter(Call { hook: Hook::Recover, inject: 0, fault: args }, crew) {
             return Step::Failed(second);
@@ -233,18 +265,18 @@ impl Member {
             return Step::Failed(second);
         }
         self.keep_side_report();
-        self.put_to_work(fault, times, crew)
+        self.put_to_work(fault, record, crew)
     }
 
     /// The callback that the fault cut short, again.
-    fn put_to_work(&mut self, fault: &Fault, times: &mut Times, crew: &mut Crew) -> Step {
-        times.ready_ns = Some(since(fault));
+    fn put_to_work(&mut self, fault: &Fault, record: &mut Record, crew: &mut Crew) -> Step {
+        record.times.ready_ns = Some(since(fault));
         if self.trigger == Trigger::Passive {
             return Step::Works;
         }
         match self.enter(Call::plain(Hook::Execute), crew) {
             Ok(()) => {
-                times.first_callback_ns = Some(since(fault));
+                record.times.first_callback_ns = Some(since(fault));
                 self.keep_side_report();
                 Status::count(&self.slot.status.cycles);
                 Step::Works
@@ -273,9 +305,8 @@ impl Member {
     /// A fault that only stops.
     pub(super) fn report_stop(&mut self, fault: &Fault, crew: &mut Crew) {
         Status::count(&self.slot.status.faults);
-        let times = Times { decided_ns: since(fault), ..Times::default() };
         let class = self.slot.status.class();
-        self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, times, crew);
+        self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, Record::begin(fault), crew);
     }
 
     /// What a callback of the recovery raised is answered before the slot runs on; the next callback would erase it.
@@ -298,7 +329,7 @@ impl Member {
     pub(super) fn note(&mut self, fault: &Fault, crew: &mut Crew) {
         Status::count(&self.slot.status.faults);
         let class = self.slot.status.class();
-        self.tell_manager(fault, class, Answer::Ignore, Outcome::Ignored, Times::default(), crew);
+        self.tell_manager(fault, class, Answer::Ignore, Outcome::Ignored, Record::default(), crew);
     }
 
     fn tell_manager(
@@ -307,10 +338,10 @@ impl Member {
         class: &'static str,
         answer: Answer,
         outcome: Outcome,
-        mut times: Times,
+        mut record: Record,
         crew: &Crew,
     ) {
-        times.detected_ns = fault.detected_ns.saturating_sub(fault.at_ns);
+        record.times.detected_ns = fault.detected_ns.saturating_sub(fault.at_ns);
         let event = FaultEvent {
             slot: self.slot.name,
             class,
@@ -319,7 +350,8 @@ impl Member {
             answer,
             successor: (outcome != Outcome::Stopped).then(|| self.slot.status.class()),
             outcome,
-            times,
+            checkpoint_ns: record.checkpoint_ns,
+            times: record.times,
         };
         send(&crew.faults, event);
     }

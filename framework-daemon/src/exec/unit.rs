@@ -7,6 +7,7 @@ use abi_stable::std_types::RStr;
 use component_sdk::abi::class::{CallStatus, ClassDecl, Direction, Hook};
 use component_sdk::abi::payload::PortHandle;
 
+use super::checkpoint::Region;
 use super::slot::Slot;
 use crate::detect::deadline;
 use crate::model::fault::{Evidence, Fault};
@@ -115,6 +116,8 @@ pub struct Unit {
     pub spent: bool,
     /// Its `start` went well.
     pub started: bool,
+    /// Its checkpoint: fields of the instance, and what it registered.
+    pub regions: Vec<Region>,
     bindings: Vec<Binding>,
 }
 
@@ -191,6 +194,7 @@ impl Parts {
     #[must_use]
     pub fn finish(self, instance: Instance) -> Unit {
         Unit {
+            regions: critical_fields(&self.class.exported().decl, instance.address()),
             instance,
             number: self.number,
             class: self.class.name(),
@@ -221,7 +225,23 @@ impl Parts {
     }
 }
 
+/// The fields that the class calls critical.
+fn critical_fields(decl: &ClassDecl, address: usize) -> Vec<Region> {
+    let fields = decl.criticals.iter();
+    // A description that is wrong must not lead out of the instance.
+    let inside = fields.filter(|field| field.offset.checked_add(field.size).is_some_and(|end| end <= decl.size));
+    inside.map(|field| Region { name: field.name.as_str(), address: address + field.offset, len: field.size }).collect()
+}
+
 impl Unit {
+    /// Adds a region to its checkpoint, or moves it.
+    pub fn register(&mut self, region: Region) {
+        match self.regions.iter_mut().find(|known| known.name == region.name) {
+            Some(known) => *known = region,
+            None => self.regions.push(region),
+        }
+    }
+
     /// The instance trapped: it is never entered again, and nothing of it is freed, because its memory may be
     /// half-changed. What the daemon had for it is.
     pub fn quarantine(self) {

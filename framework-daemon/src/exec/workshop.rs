@@ -327,6 +327,7 @@ impl Worker {
             answer: Answer::Prepare,
             successor: Some(shelf.slot.status.class()),
             outcome: Outcome::Failed,
+            checkpoint_ns: None,
             times: Times { detected_ns: fault.detected_ns.saturating_sub(fault.at_ns), ..Times::default() },
             fault,
         };

@@ -70,6 +70,9 @@ impl Journal {
         line.insert("action".into(), to_value(&event.answer)?);
         line.insert("successor".into(), event.successor.map_or(Value::Null, Value::from));
         line.insert("outcome".into(), to_value(&event.outcome)?);
+        if let Some(age_ns) = event.checkpoint_ns {
+            line.insert("checkpoint".into(), age_ns.into());
+        }
         line.insert("times".into(), to_value(&event.times)?);
         self.line("fault", event.fault.at_ns, line)
     }

@@ -201,6 +201,8 @@ pub struct FaultEvent {
     pub successor: Option<&'static str>,
     /// How it ended.
     pub outcome: Outcome,
+    /// Age in nanoseconds of the checkpoint that the successor went on from.
+    pub checkpoint_ns: Option<u64>,
     /// When.
     pub times: Times,
 }

@@ -40,6 +40,8 @@ pub const HANDLE_CHUNKS: usize = 4_096;
 pub const HANDLES_PER_CHUNK: usize = 1_024;
 /// Stack that a host function which takes a lock finds below it, or the overflow happens before the lock.
 pub const HEADROOM_BYTES: usize = 16 << 10;
+/// Stack of a prepared fiber that is in memory already.
+pub const TOUCHED_STACK_BYTES: usize = 32 << 10;
 /// Most connections of a plan, fan-out counted.
 pub const CONNECTIONS: usize = 100_000;
 /// Most declared executors.
@@ -133,6 +135,10 @@ pub const HANG_ATTEMPTS: u32 = 8;
 pub const HANG_ATTEMPTS_IN_DAEMON: u32 = 1_000;
 /// Recoveries tried for one fault before the slot is stopped.
 pub const RECOVERY_STEPS_MAX: usize = 2 * SECONDARIES;
+/// Largest checkpoint of one slot, in bytes.
+pub const CHECKPOINT_BYTES: usize = 16 << 20;
+/// Regions that a component may register in one callback.
+pub const REGIONS_PER_CALLBACK: usize = 16;
 /// Failed tries of one recovery after which the next one follows at once.
 pub const BREATHLESS_FAILURES: usize = 1;
 /// Pause after the failed tries beyond them; doubled each time.
@@ -147,7 +153,7 @@ const _: () = assert!(PROFILE_FILE_BYTES < u32::MAX as u64, "spans are 32 bits w
 const _: () = assert!(FIFO_SIZE_DEFAULT <= FIFO_SIZE_MAX);
 const _: () = assert!(STACK_MIN_BYTES < STACK_MAX_BYTES && STACK_MIN_BYTES.is_multiple_of(4096));
 const _: () = assert!(HANDLE_CHUNKS * HANDLES_PER_CHUNK < u32::MAX as usize, "a handle has 32 bits for its place");
-const _: () = assert!(HEADROOM_BYTES * 2 <= STACK_MIN_BYTES);
+const _: () = assert!(HEADROOM_BYTES < TOUCHED_STACK_BYTES && TOUCHED_STACK_BYTES < STACK_MIN_BYTES);
 const _: () = assert!(PRIORITY_MIN < PRIORITY_MAX);
 const _: () = assert!(PERIOD_MIN.as_nanos() < DURATION_MAX.as_nanos());
 const _: () = assert!(STACK_MIN_BYTES <= STACK_BYTES && STACK_BYTES <= STACK_MAX_BYTES);

@@ -8,6 +8,7 @@ use std::cell::Cell;
 use abi_stable::std_types::RStr;
 
 use crate::model::fault::{Evidence, ShortText};
+use crate::model::limits::REGIONS_PER_CALLBACK;
 use crate::sys::foreign::{self, Owner};
 use crate::sys::{clock, log_ring, shield};
 
@@ -22,6 +23,17 @@ pub struct PanicNote {
     pub line: u32,
 }
 
+/// Memory that the component wants in its checkpoint.
+#[derive(Clone, Copy)]
+pub struct RegionNote {
+    /// What it is called.
+    pub name: ShortText,
+    /// Where it lies.
+    pub address: usize,
+    /// Its size in bytes.
+    pub len: usize,
+}
+
 thread_local! {
     // One flag for all: a callback that told nothing costs one load, not the texts' copies.
     static TOLD: Cell<bool> = const { Cell::new(false) };
@@ -29,12 +41,15 @@ thread_local! {
     static PANIC: Cell<Option<PanicNote>> = const { Cell::new(None) };
     static ERROR: Cell<Option<ShortText>> = const { Cell::new(None) };
     static RAISED: Cell<Option<ShortText>> = const { Cell::new(None) };
+    static REGIONS: [Cell<Option<RegionNote>>; REGIONS_PER_CALLBACK] = const { [const { Cell::new(None) }; REGIONS_PER_CALLBACK] };
+    static REGION_COUNT: Cell<usize> = const { Cell::new(0) };
     static INJECTED: Cell<Option<u64>> = const { Cell::new(None) };
 }
 
 /// Says whose callback runs on this thread from now on; what was told before is nobody's any more.
 pub fn enter_slot(owner: Owner) {
     foreign::enter(owner);
+    REGION_COUNT.set(0);
     if has_told() {
         forget();
     }
@@ -76,6 +91,15 @@ pub fn take_panic() -> Option<PanicNote> {
 #[must_use]
 pub fn take_error() -> Option<ShortText> {
     ERROR.take()
+}
+
+/// A region that was registered since the last callback began.
+#[must_use]
+#[inline(never)]
+pub fn take_region() -> Option<RegionNote> {
+    let last = REGION_COUNT.get().checked_sub(1)?;
+    REGION_COUNT.set(last);
+    REGIONS.with(|regions| regions[last].take())
 }
 
 /// The fault that was raised since the last call.
@@ -126,8 +150,18 @@ pub extern "C" fn note_injection() {
     TOLD.set(true);
 }
 
-/// [`component_sdk::abi::host::HostApi::critical`]: regions outside the instance are registered for checkpoints, which are
-/// not active yet; the log says so.
-pub extern "C" fn critical(name: RStr<'_>, _address: *mut u8, _len: usize) {
-    log_ring::put(4, foreign::owner().slot, name.as_str());
+/// [`component_sdk::abi::host::HostApi::critical`].
+pub extern "C" fn critical(name: RStr<'_>, address: *mut u8, len: usize) {
+    let note = RegionNote { name: ShortText::new(name.as_str()), address: address.expose_provenance(), len };
+    let place = REGION_COUNT.get();
+    if place < REGIONS_PER_CALLBACK {
+        REGIONS.with(|regions| regions[place].set(Some(note)));
+        REGION_COUNT.set(place + 1);
+    } else {
+        log_ring::put(
+            2,
+            foreign::owner().slot,
+            "too many critical regions in one callback: one is not in the checkpoint",
+        );
+    }
 }

@@ -56,6 +56,12 @@ impl Instance {
         self.class
     }
 
+    /// Where it lies.
+    #[must_use]
+    pub fn address(&self) -> usize {
+        self.object.expose_provenance()
+    }
+
     /// Enters a callback.
     pub fn enter(&mut self, args: &CallArgs<'_>) -> CallStatus {
         host::enter_instance(self.number);

@@ -20,7 +20,7 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 use super::compat::{self, HeaderView};
 use super::image::{self, Image};
 use crate::model::limits::PLUGIN_FILE_BYTES;
-use crate::sys::{fence, shield, text};
+use crate::sys::{fence, memory, shield, text};
 
 /// A loaded plugin.
 pub struct Plugin {
@@ -83,6 +83,7 @@ impl Plugin {
         let (header, classes) = shield::load(|| -> Result<_, String> {
             let library = open_copy(file, &bytes)?;
             let (header, raw) = read_header(&library, &image.symbol)?;
+            memory::read_in(std::ptr::from_ref(raw).expose_provenance());
             let module = root_module(raw)?;
             (module.install())(host);
             Ok((header, (module.classes())().as_slice()))

@@ -86,7 +86,9 @@ impl OutPort {
         self.judged.store(judged, Ordering::SeqCst);
     }
 
-    /// Begins the checks of this port and its connections anew.
+    /// Begins the checks of this port and its connections anew. Not inlined: where it is called, the executor may go on
+    /// on another thread, with other thread-locals.
+    #[inline(never)]
     pub fn forget_episodes(&self) {
         if !self.judged.load(Ordering::SeqCst) {
             return;

@@ -175,7 +175,6 @@ fn spares(element: &Element) -> SparePlan {
 }
 
 fn period_of_checkpoint(element: &Element, report: &mut Reporter) -> Duration {
-    report.not_active(element.name_span, "<checkpoint>");
     positive(element, "period", report).unwrap_or_default()
 }
 

@@ -473,7 +473,7 @@ pub struct FaultRules {
     pub secondaries: Vec<SecondaryPlan>,
     /// Pool of standbys of the same class.
     pub spares: Option<SparePlan>,
-    /// Period of checkpoints (not active yet).
+    /// Period of checkpoints.
     pub checkpoint: Option<Duration>,
     /// Declared target, fault to first good callback (measured; a breach as a fault is not active yet).
     pub recovery_within: Option<Duration>,

@@ -9,6 +9,7 @@ use super::catalogue::Catalogue;
 use super::shutdown::shutdown;
 use super::system::{Placed, System};
 use super::wiring;
+use crate::exec::checkpoint::Checkpoint;
 use crate::exec::executor::Executor;
 use crate::exec::member::{Member, Standby};
 use crate::exec::slot::{Slot, Status};
@@ -122,6 +123,7 @@ fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Me
         rank: 0,
         inject: std::collections::VecDeque::new(),
         early: None,
+        checkpoint: plan.rules.checkpoint.map(Checkpoint::every),
         breath: None,
     }
 }

@@ -17,6 +17,7 @@ use super::carrier::{self, Lease};
 use super::pulse::Pulse;
 use super::shield;
 use super::trap::{Armed, Trap};
+use crate::model::limits::TOUCHED_STACK_BYTES;
 
 /// A deadline that is never over.
 pub const NEVER: u64 = u64::MAX;
@@ -153,6 +154,11 @@ impl Drop for Fiber {
     }
 }
 
+/// Touches as much of a stack as a first callback may need, so that it need not wait for pages.
+fn touch_stack() {
+    std::hint::black_box(&std::mem::MaybeUninit::<[u8; TOUCHED_STACK_BYTES]>::uninit());
+}
+
 /// Fibers for one executor, by size of stack.
 pub struct FiberPool {
     idle: Vec<(usize, Vec<Fiber>)>,
@@ -203,8 +209,7 @@ impl FiberPool {
         self.spent.reserve(crate::model::limits::IDLE_FIBERS);
         while self.shelf(stack_bytes).len() < count {
             let mut fiber = Fiber::leased(stack_bytes, &self.lease)?;
-            // Touches the stack's first page.
-            fiber.run(NEVER, &mut || {});
+            fiber.run(NEVER, &mut touch_stack);
             self.put(stack_bytes, fiber);
         }
         Ok(())

@@ -30,6 +30,9 @@ pub mod leaf;
 /// Log records of components, written by an ordinary thread.
 pub mod log_ring;
 
+/// Pages that stay in memory.
+pub mod memory;
+
 /// Until when a callback must have returned.
 pub mod pulse;
 

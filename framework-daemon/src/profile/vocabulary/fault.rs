@@ -100,7 +100,7 @@ pub static FAULT_TOLERANCE: ElementRule = ElementRule::parent(
             &ElementRule::attributed(
                 "checkpoint",
                 &[required("period", Kind::Duration, "How often.")],
-                "Back up what the component registered as critical.",
+                "Back up what the component calls critical; the instance that succeeds it after a fault goes on from there.",
             ),
         ),
         (

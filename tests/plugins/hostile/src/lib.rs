@@ -117,6 +117,9 @@ pub struct Heir {
     /// `panic`, `segv`, `error`.
     #[property(default = "panic")]
     how: String,
+    /// How long `initialize` takes from the second on, in milliseconds.
+    #[property(default = 0)]
+    slow: u64,
     #[port]
     said: DataOut<Range>,
     number: u64,
@@ -131,6 +134,9 @@ impl Callbacks for Heir {
     }
     fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
         self.number = HEIRS.fetch_add(1, Ordering::Relaxed) + 1;
+        if self.number > 1 {
+            std::thread::sleep(std::time::Duration::from_millis(self.slow));
+        }
         if (self.from..self.until).contains(&self.number) {
             return fail(&self.how);
         }
@@ -149,6 +155,39 @@ impl Callbacks for Heir {
         let mut said = self.said.loan();
         said.range = -1.0;
         info!(cx, "heir {} rehearses: {:?}", self.number, said.send());
+        Ok(())
+    }
+}
+
+/// Keeps a number in memory of its own, outside the instance, and one inside.
+#[derive(Component)]
+#[component(name = "Keeper", version = "1.0", periodic = "2ms")]
+pub struct Keeper {
+    /// Registers a region that is not there.
+    #[property(default = false)]
+    wild: bool,
+    region: Option<&'static AtomicU64>,
+    #[critical]
+    inside: u64,
+    told: bool,
+}
+
+impl Callbacks for Keeper {
+    fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
+        let number: &'static AtomicU64 = Box::leak(Box::default());
+        let address = if self.wild { std::ptr::without_provenance_mut(64) } else { number.as_ptr() };
+        // SAFETY: a number of 8 bytes that is never freed; or, on purpose, none.
+        cx.critical("outside", unsafe { std::slice::from_raw_parts_mut(address.cast(), 8) });
+        self.region = Some(number);
+        Ok(())
+    }
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        let Some(outside) = self.region else { return Err(fault!("no region")) };
+        let number = outside.fetch_add(1, Ordering::Relaxed);
+        if !std::mem::replace(&mut self.told, true) {
+            info!(cx, "keeper goes on from {number} and {}", self.inside);
+        }
+        self.inside += 1;
         Ok(())
     }
 }
@@ -219,4 +258,4 @@ fn stick(how: &str) {
     }
 }
 
-export_components!(Doomed, Stillborn, Heir, Stuck);
+export_components!(Doomed, Stillborn, Heir, Keeper, Stuck);

@@ -223,6 +223,15 @@ impl Armed {
     }
 }
 
+impl Drop for Armed {
+    /// What armed this thread last is asked for as long as the thread lives.
+    fn drop(&mut self) {
+        if std::ptr::eq(ARMED.get(), self) {
+            ARMED.set(std::ptr::null());
+        }
+    }
+}
+
 /// Why one of our own functions struck.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Raised {

@@ -15,6 +15,9 @@ pub mod fence;
 /// A callback runs on a fiber: it may end by a trap without taking its thread along.
 pub mod fiber;
 
+/// Stacks of fibers.
+mod stack;
+
 /// Threads that plugins start.
 pub mod foreign;
 

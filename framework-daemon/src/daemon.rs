@@ -284,7 +284,7 @@ impl Daemon<'_> {
     }
 
     fn tell_status(&self) {
-        let slots = self.system.slots.iter().map(|placed| status::of_slot(&placed.slot, placed.slot.status.state()));
+        let slots = self.system.slots.iter().map(status::of_placed);
         let (slots, ledger): (Vec<Value>, _) = (slots.collect(), self.manager.ledger());
         status::table(&slots, ledger).iter().for_each(|line| tracing::info!("{line}"));
         note(&self.journal, "status", &json!({"slots": slots, "process": status::of_process(ledger)}));

@@ -128,6 +128,11 @@ fn a_signal_asks_for_the_status() {
         (Some(1), Some(0))
     );
     assert!(status["process"]["threads_lost_max"].as_u64() > Some(0));
+    // One spare is kept where a reset answers a crash.
+    assert_eq!(
+        (status["slots"][0]["spares"].as_u64(), status["slots"][0]["spares_wanted"].as_u64()),
+        (Some(1), Some(1))
+    );
     daemon.wait_for("threads given up: 0 of at most");
     assert!(daemon.is_alive());
 }

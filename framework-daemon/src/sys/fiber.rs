@@ -68,7 +68,7 @@ impl Fiber {
     /// As [`Self::new`].
     pub fn leased(stack_bytes: usize, lease: &Lease) -> std::io::Result<Self> {
         let stack = OwnStack::new(stack_bytes)?;
-        let (low, range) = (stack.limit().get(), stack.range());
+        let (low, high, range) = (stack.limit().get(), stack.base().get(), stack.range());
         let core = Rc::new(Core { armed: OnceCell::new(), job: Cell::new(std::ptr::null_mut()) });
         // Not counted: what a fiber that traps holds is never dropped.
         let shared = Rc::as_ptr(&core);
@@ -85,7 +85,7 @@ impl Fiber {
             }
         });
         let pulse = Arc::clone(&lease.pulse);
-        core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low, pulse, lease.relay));
+        core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low..high, pulse, lease.relay));
         Ok(Self { coroutine: ManuallyDrop::new(coroutine), core, range, usable: true })
     }
 

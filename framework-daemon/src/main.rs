@@ -14,8 +14,8 @@ const STACK_BYTES: usize = 8 << 20;
 /// All runs on another thread than the main one, so that nothing depends on the C library's main arena
 /// (`framework_daemon::sys::heap`).
 fn main() -> ExitCode {
-    // Plugins' signal handlers run here if they can.
-    let _stack = SignalStack::untouched();
+    // Signals from outside come to the main thread first, and plugins' handlers run here if they can.
+    let _stack = SignalStack::new();
     let daemon = std::thread::Builder::new().name("daemon".into()).stack_size(STACK_BYTES);
     let ended = daemon.spawn(framework_daemon::cli::main).map(std::thread::JoinHandle::join);
     ended.ok().and_then(Result::ok).unwrap_or(ExitCode::FAILURE)

@@ -108,7 +108,7 @@ fn profiles(strikes: u64) -> Profiles {
     let rules = "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1ms\"/></fault_tolerance>";
     let inside = |executor: &str| {
         let property = |name: &str, value: u64| format!("<property name=\"{name}\" type=\"int\">{value}</property>");
-        let properties = [property("after", 1), property("limit", strikes)].concat();
+        let properties = [property("after", 2), property("limit", strikes)].concat();
         format!("<executor>{executor}</executor><properties>{properties}</properties>{rules}")
     };
     let of = |class: &'static str, executor: &'static str| {

@@ -7,15 +7,17 @@
 
 use std::cell::{Cell, OnceCell};
 use std::mem::ManuallyDrop;
+use std::ops::Range;
 use std::rc::Rc;
 use std::sync::Arc;
 
-use corosensei::stack::{DefaultStack, Stack};
+use corosensei::stack::Stack;
 use corosensei::{Coroutine, CoroutineResult};
 
 use super::carrier::{self, Lease};
 use super::pulse::Pulse;
 use super::shield;
+use super::stack::{self, OwnStack};
 use super::trap::{Armed, Trap};
 use crate::model::limits::TOUCHED_STACK_BYTES;
 
@@ -34,10 +36,10 @@ struct Core {
 
 /// A stack and what runs on it. Runs one closure after the other.
 pub struct Fiber {
-    coroutine: ManuallyDrop<Coroutine<(), (), ()>>,
+    coroutine: ManuallyDrop<Coroutine<(), (), (), OwnStack>>,
     core: Rc<Core>,
-    low: usize,
-    high: usize,
+    /// Its stack's addresses.
+    range: Range<usize>,
     usable: bool,
 }
 
@@ -65,8 +67,8 @@ impl Fiber {
     /// # Errors
     /// As [`Self::new`].
     pub fn leased(stack_bytes: usize, lease: &Lease) -> std::io::Result<Self> {
-        let stack = DefaultStack::new(stack_bytes)?;
-        let (low, high) = (stack.limit().get(), stack.base().get());
+        let stack = OwnStack::new(stack_bytes)?;
+        let (low, range) = (stack.limit().get(), stack.range());
         let core = Rc::new(Core { armed: OnceCell::new(), job: Cell::new(std::ptr::null_mut()) });
         let shared = Rc::clone(&core);
         let coroutine = Coroutine::with_stack(stack, move |yielder, ()| {
@@ -82,7 +84,7 @@ impl Fiber {
         });
         let pulse = Arc::clone(&lease.pulse);
         core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low, pulse, lease.relay));
-        Ok(Self { coroutine: ManuallyDrop::new(coroutine), core, low, high, usable: true })
+        Ok(Self { coroutine: ManuallyDrop::new(coroutine), core, range, usable: true })
     }
 
     /// Runs `closure` on the fiber until it returns or traps, or is ended because `deadline_ns` (on the monotonic clock) is
@@ -125,19 +127,6 @@ impl Fiber {
     pub const fn is_usable(&self) -> bool {
         self.usable
     }
-
-    /// Gives the pages of a spent stack back and makes its range inaccessible; the addresses are never used again,
-    /// because a thread that the component started may still hold some.
-    ///
-    /// A fresh mapping over the range, not `madvise` and `mprotect`: those keep what makes the kernel hold the ranges
-    /// apart, and 20,000 graves would reach its limit of mappings. Fresh ones merge into one.
-    fn entomb(&self) {
-        let (start, len) = (std::ptr::without_provenance_mut(self.low), self.high - self.low);
-        let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE | libc::MAP_FIXED;
-        // SAFETY: the range is exactly the mapping that `DefaultStack` made for this fiber, which nothing runs on any
-        // more and nobody frees: the coroutine is never dropped.
-        unsafe { libc::mmap(start, len, libc::PROT_NONE, flags, -1, 0) };
-    }
 }
 
 impl Drop for Fiber {
@@ -149,7 +138,8 @@ impl Drop for Fiber {
             // SAFETY: dropped once, here, and not used afterwards.
             unsafe { ManuallyDrop::drop(&mut self.coroutine) };
         } else {
-            self.entomb();
+            // SAFETY: nothing runs on it any more, and nobody frees it: the coroutine is never dropped.
+            unsafe { stack::entomb(self.range.clone()) };
         }
     }
 }

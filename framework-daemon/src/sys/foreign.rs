@@ -14,7 +14,7 @@ use crossbeam_channel::Receiver;
 use crossbeam_queue::ArrayQueue;
 use libc::c_void;
 
-use super::thread::SignalStack;
+use super::thread::{self, SignalStack};
 use super::trap::{Site, Trap};
 use super::wake::Waker;
 use super::{arch, clock, heap, shield, text};
@@ -239,8 +239,8 @@ pub(super) fn struck(mut trap: Trap, context: &libc::ucontext_t) {
 
 /// This thread called what ends a process: `exit` and its kin, or `abort`. It alone ends.
 pub(super) fn leave(exited: bool) -> ! {
-    let evidence = TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 };
-    end(Trap { exited, site: Site::Plugin, ..Trap::new(evidence, clock::now_ns()) })
+    let evidence = TrapEvidence::new(libc::SIGABRT, 0, 0);
+    end(Trap { exited, asked: !exited, site: Site::Plugin, ..Trap::new(evidence, clock::now_ns()) })
 }
 
 fn end(trap: Trap) -> ! {
@@ -290,7 +290,7 @@ pub fn listen() -> io::Result<Receiver<Report>> {
         lost: AtomicU64::new(0),
     });
     let (sender, receiver) = crossbeam_channel::unbounded();
-    std::thread::Builder::new().name("foreign".into()).spawn(move || {
+    thread::spawn("foreign", move || {
         let mut held = Held::default();
         loop {
             post.waker.wait_until(held.deadline_ns());
@@ -354,7 +354,7 @@ mod tests {
     }
 
     fn trapped() -> Event {
-        let evidence = TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 };
+        let evidence = TrapEvidence::new(libc::SIGABRT, 0, 0);
         Event::Trapped(Trap::new(evidence, 0))
     }
 

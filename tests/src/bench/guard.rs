@@ -65,8 +65,8 @@ fn idle_unit(fibers: &mut FiberPool) -> Unit {
     let plugin = Plugin::load(&plugin_dir().join("libbasic.so"), &HOST).expect("the plugin is built");
     let class = plugin.class("Diary").expect("the plugin has it");
     let limits = Limits { stack_bytes: STACK, budget_ns: None, hang_ns: 1_000_000_000 };
-    let recipe =
-        Recipe { number: 0, class_name: class.name(), source: Source::Loaded(class), properties: Vec::new(), limits };
+    let source = Source::Loaded(class);
+    let recipe = Recipe { number: 0, class_name: "Diary", source, properties: Vec::new(), limits };
     let slot = Slot { name: "bench", inputs: Vec::new(), outputs: Vec::new(), status: Status::new(vec!["Diary"]) };
     let parts = recipe.gather(&slot).expect("it has no ports");
     callback::create(fibers, "bench", parts).expect("it has no constructor of its own")

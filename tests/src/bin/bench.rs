@@ -39,7 +39,7 @@ struct Arguments {
 
 const NAMES: [&str; 5] = ["guard_cost", "trap_recovery", "panic_recovery", "hang_recovery", "erlang_supervisor"];
 /// What takes the place of what failed.
-const PAYLOADS: [Payload; 1] = [Payload::Fresh];
+const PAYLOADS: [Payload; 2] = [Payload::Spare, Payload::Fresh];
 /// Threads that keep all cores busy.
 const LOADS: [(&str, usize); 2] = [("idle", 0), ("cpu100", 4)];
 const SCHEDS: [&str; 2] = ["other", "fifo"];

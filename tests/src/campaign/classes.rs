@@ -126,17 +126,15 @@ pub const CLASSES: &[Class] = &[
     Class::again("threads", "PanicOnThread", PANIC),
     Class::again("threads", "StackOverflowOnThread", STACK),
     Class::again("threads", "AbortOnThread", ABORT),
-    Class::again("float", "FloatControlThenFault", SEGV)
-        .with_neighbour()
-        .not_contained("the control word is not restored"),
+    Class::again("float", "FloatControlThenFault", SEGV).with_neighbour(),
     Class::again("float", "FloatControlLeft", &[])
         .with_neighbour()
         .refused()
         .not_contained("the control word is not restored"),
-    Class::again("calls", "ForgedLoan", SEGV),
-    Class::again("calls", "ForgedPublish", SEGV),
-    Class::again("calls", "ForgedGiveBack", SEGV),
-    Class::again("calls", "ForgedRead", SEGV),
+    Class::again("calls", "ForgedLoan", &[]).refused(),
+    Class::again("calls", "ForgedPublish", &[]).refused(),
+    Class::again("calls", "ForgedGiveBack", &[]).refused(),
+    Class::again("calls", "ForgedRead", &[]).refused(),
     Class::again("calls", "BadLogText", SEGV),
     Class::again("calls", "BadRaiseText", SEGV),
     Class::again("calls", "BadErrorText", SEGV),
@@ -152,6 +150,8 @@ pub const CLASSES: &[Class] = &[
     Class::hook("InInitialize", "panic", OnceEach, Some("crash.segv")),
     Class::hook("InStart", "segv", OnceEach, Some("crash.segv")),
     Class::hook("InStart", "panic", OnceEach, Some("crash.segv")),
+    Class::hook("InRehearse", "segv", OnceEach, Some("crash.segv")),
+    Class::hook("InRehearse", "panic", OnceEach, Some("crash.segv")),
     Class::hook("InRecover", "segv", OnceEach, Some("crash.segv")),
     Class::hook("InRecover", "panic", OnceEach, Some("crash.segv")),
     Class::hook("InOnError", "segv", OnceEach, Some("crash.panic")),

@@ -81,8 +81,10 @@ fn victim(class: &Class, number: usize, strikes: usize) -> String {
         _ => String::new(),
     };
     let how = if class.how.is_empty() { String::new() } else { how };
+    // Without a reset there are no spares, which would strike, too, when they leave.
+    let rules = if class.course == Course::Leaving { "" } else { RULES };
     let limit = property("limit", "int", &strikes.to_string());
-    let inside = format!("<executor>rack</executor><properties>{limit}{how}{after}</properties>{RULES}");
+    let inside = format!("<executor>rack</executor><properties>{limit}{how}{after}</properties>{rules}");
     slot(&format!("victim{number}"), class.component, &inside)
 }
 

@@ -1,7 +1,7 @@
 //! Faults in every callback but `on_execute`.
 //!
 //! Callbacks of a recovery are reached by a bait: a panic leads to `on_error` and `reset` of the same instance, a trap to
-//! constructor, `initialize`, `recover` and `start` of its successor. Each bait makes one fault in the callback due; `stop`,
+//! constructor, `initialize`, `rehearse`, `recover` and `start` of its successors. Each bait makes one fault in the callback due; `stop`,
 //! `destroy` and the drop fault whenever they come, which is when the slot is removed.
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -85,6 +85,9 @@ in_hook! {
 
     /// Faults in `start` of a successor.
     InStart, "segv", fn start(&mut Context<'_>);
+
+    /// Faults in `rehearse` of a standby.
+    InRehearse, "segv", fn rehearse(&mut Context<'_>);
 
     /// Faults in `recover`.
     InRecover, "segv", fn recover(&mut Context<'_>, &FaultInfo<'_>);

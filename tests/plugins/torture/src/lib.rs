@@ -146,6 +146,7 @@ component_sdk::export_components!(
     hooks::InConstructor,
     hooks::InInitialize,
     hooks::InStart,
+    hooks::InRehearse,
     hooks::InUpdate,
     hooks::InStop,
     hooks::InDestroy,

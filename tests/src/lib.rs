@@ -3,6 +3,9 @@
 /// Benchmarks.
 pub mod bench;
 
+/// The torture campaign.
+pub mod campaign;
+
 /// Where the daemon's binary is.
 pub mod daemon_binary;
 
@@ -14,3 +17,6 @@ pub mod profiles;
 
 /// A daemon that runs.
 pub mod running;
+
+/// A long life under fault load.
+pub mod soak;

@@ -22,7 +22,7 @@ pub struct Running {
     child: Child,
     log: Arc<Mutex<String>>,
     journal: PathBuf,
-    _scratch: TempDir,
+    _scratch: Option<TempDir>,
 }
 
 impl Running {
@@ -32,12 +32,29 @@ impl Running {
     /// When it does not get ready.
     #[must_use]
     pub fn start(directory: &Path, arguments: &[&str]) -> Self {
-        let mut running = Self::spawn(directory, arguments);
-        while !running.log().contains("ready: ") {
-            assert!(running.is_alive(), "it ended before it was ready; the log:\n{}", running.log());
+        Self::spawn(directory, arguments).ready()
+    }
+
+    /// As [`Self::start`], without a log: for runs that would fill it.
+    ///
+    /// # Panics
+    /// When it does not get ready.
+    #[must_use]
+    pub fn start_silent(directory: &Path) -> Self {
+        Self::spawn_with(directory, &[], "off").ready()
+    }
+
+    /// Waits until it is ready.
+    ///
+    /// # Panics
+    /// When it does not get ready.
+    #[must_use]
+    pub fn ready(mut self) -> Self {
+        while !self.log().contains("ready: ") {
+            assert!(self.is_alive(), "it ended before it was ready; the log:\n{}", self.log());
             thread::sleep(Duration::from_millis(5));
         }
-        running
+        self
     }
 
     /// Runs a profile directory without waiting.
@@ -46,14 +63,33 @@ impl Running {
     /// When the binary cannot be started.
     #[must_use]
     pub fn spawn(directory: &Path, arguments: &[&str]) -> Self {
+        Self::spawn_with(directory, arguments, "info")
+    }
+
+    fn spawn_with(directory: &Path, arguments: &[&str], log: &str) -> Self {
         let scratch = TempDir::new().expect("a temporary directory");
-        let journal = scratch.path().join("journal.jsonl");
+        let mut running = Self::launch(&scratch.path().join("journal.jsonl"), directory, arguments, log);
+        running._scratch = Some(scratch);
+        running
+    }
+
+    /// As [`Self::spawn`], on a journal that others wrote into.
+    ///
+    /// # Panics
+    /// When the binary cannot be started.
+    #[must_use]
+    pub fn spawn_on(journal: &Path, directory: &Path, arguments: &[&str]) -> Self {
+        Self::launch(journal, directory, arguments, "info")
+    }
+
+    fn launch(journal: &Path, directory: &Path, arguments: &[&str], log: &str) -> Self {
         let mut child = Command::new(daemon_binary())
             .arg("run")
             .arg(directory)
             .args(["--plugins".as_ref(), plugin_dir().as_os_str()])
             .args(["--journal".as_ref(), journal.as_os_str()])
             .args(arguments)
+            .env("RUST_LOG", log)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -62,7 +98,19 @@ impl Running {
         let log = Arc::new(Mutex::new(String::new()));
         collect(child.stdout.take().expect("stdout is piped"), &log);
         collect(child.stderr.take().expect("stderr is piped"), &log);
-        Self { child, log, journal, _scratch: scratch }
+        Self { child, log, journal: journal.to_owned(), _scratch: None }
+    }
+
+    /// Its process number.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Where its journal is.
+    #[must_use]
+    pub fn journal_file(&self) -> &Path {
+        &self.journal
     }
 
     /// All that it printed so far, stdout and stderr.
@@ -166,6 +214,31 @@ impl Running {
         assert!(status.success(), "{status}; the log:\n{}", self.log());
         let stops = self.entries("stop");
         stops[0]["slots"].as_array().cloned().unwrap_or_default()
+    }
+
+    /// Ends it in order, like [`Self::stop`].
+    ///
+    /// # Errors
+    /// In words, when it had ended before or does not end well.
+    ///
+    /// # Panics
+    /// When it cannot be asked.
+    pub fn end(&mut self) -> Result<Vec<Value>, String> {
+        if !self.is_alive() {
+            return Err(format!("the daemon died: {}", self.wait()));
+        }
+        self.signal("TERM");
+        let began = Instant::now();
+        while self.is_alive() {
+            if began.elapsed() > PATIENCE {
+                return Err("the daemon does not end".to_owned());
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+        let status = self.wait();
+        let stops = self.entries("stop");
+        let slots = stops.first().and_then(|stop| stop["slots"].as_array().cloned());
+        slots.filter(|_| status.success()).ok_or_else(|| format!("the daemon did not end well: {status}"))
     }
 
     /// True while it runs.

@@ -42,11 +42,11 @@ fn a_property_out_of_range_is_refused_with_its_range() {
 }
 
 #[test]
-fn a_component_that_does_not_stop_is_left_behind() {
+fn a_component_that_does_not_stop_is_ended() {
     let profiles = Profiles::new(&application(&[slot("stubborn", "Stubborn", ""), slot("diary", "Diary", "")], &[]));
     let mut daemon = Running::start(profiles.path(), &[]);
     daemon.stop();
-    daemon.wait_for("slot stubborn: `stop` did not return");
+    daemon.wait_for("slot stubborn (Stubborn): hang");
     daemon.wait_for("hook destroy");
 }
 
@@ -56,16 +56,16 @@ fn a_second_signal_leaves_at_once() {
     let profiles = Profiles::new(&application(&slots, &[]));
     let mut daemon = Running::start(profiles.path(), &[]);
     daemon.signal("INT");
-    daemon.wait_for("did not return");
+    daemon.wait_for("(Stubborn): hang");
     daemon.signal("INT");
     assert!(!daemon.wait().success());
-    assert!(daemon.lines("`stop` did not return").len() < 40);
+    assert!(daemon.lines("(Stubborn): hang").len() < 40);
 }
 
 #[test]
-fn an_unknown_slot_to_inject_into_is_named() {
+fn an_unknown_slot_to_inject_into_is_wrong_usage() {
     let profiles = Profiles::new(&application(&[slot("diary", "Diary", "")], &[]));
     let mut daemon = Running::spawn(profiles.path(), &["--inject", "dairy:crash.segv@1"]);
-    assert_eq!(daemon.wait().code(), Some(1));
+    assert_eq!(daemon.wait().code(), Some(2));
     daemon.wait_for("there is no slot `dairy`; there are: diary");
 }

@@ -9,12 +9,14 @@ use crate::sys::trap::Trap;
 #[must_use]
 pub const fn of_trap(trap: &Trap) -> Symptom {
     match trap.evidence.signal {
+        _ if trap.hang => Symptom::Hang,
         _ if trap.exited => Symptom::CrashExit,
         libc::SIGSEGV if trap.stack_overflow => Symptom::CrashStack,
         libc::SIGBUS => Symptom::CrashBus,
         libc::SIGFPE => Symptom::CrashFpe,
-        libc::SIGILL => Symptom::CrashIll,
-        libc::SIGABRT => Symptom::CrashAbort,
+        libc::SIGILL | libc::SIGTRAP => Symptom::CrashIll,
+        // SIGSYS: a fatal signal to the own process by a system call.
+        libc::SIGABRT | libc::SIGSYS => Symptom::CrashAbort,
         _ => Symptom::CrashSegv,
     }
 }
@@ -37,10 +39,9 @@ mod tests {
     #[test]
     fn each_signal_has_its_symptom() {
         let trap = |signal, stack_overflow| Trap {
-            evidence: TrapEvidence { signal, address: 0, pc: 0, sp: 0 },
             stack_overflow,
             exited: signal == 0,
-            at_ns: 0,
+            ..Trap::new(TrapEvidence::new(signal, 0, 0), 0)
         };
         let seen =
             [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT].map(|s| of_trap(&trap(s, false)));
@@ -48,5 +49,6 @@ mod tests {
         assert_eq!(seen, [CrashSegv, CrashBus, CrashFpe, CrashIll, CrashAbort]);
         assert_eq!(of_trap(&trap(libc::SIGSEGV, true)), CrashStack);
         assert_eq!(of_trap(&trap(0, false)), Symptom::CrashExit);
+        assert_eq!(of_trap(&Trap { hang: true, ..trap(libc::SIGSEGV, false) }), Symptom::Hang);
     }
 }

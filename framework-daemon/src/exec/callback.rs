@@ -4,14 +4,15 @@
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
 use super::unit::{Parts, Unit};
-use crate::detect::crash;
-use crate::model::fault::{Evidence, Fault, ShortText};
+use crate::detect::{crash, taint};
+use crate::model::fault::{Evidence, Fault, Memory, ShortText};
 use crate::model::symptom::Symptom;
 use crate::plugin::host;
 use crate::port::check;
 use crate::sys::clock;
-use crate::sys::fiber::{Ended, FiberPool};
-use crate::sys::trap;
+use crate::sys::fiber::FiberPool;
+use crate::sys::foreign::{Event, Owner};
+use crate::sys::trap::{Site, Trap};
 
 /// What a callback is entered with.
 #[derive(Clone, Copy)]
@@ -38,9 +39,13 @@ impl Call<'_> {
 /// The fault that ended it.
 pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
     let args = CallArgs { hook: call.hook, inject: call.inject, now_ns: clock::now_ns(), fault: call.fault };
+    let deadline_ns = args.now_ns.saturating_add(unit.limits.of(call.hook));
     let instance = &mut unit.instance;
     let mut status = CallStatus::Done;
-    if let Err(fault) = guarded(fibers, slot, unit.stack_bytes, &mut || status = instance.enter(&args)) {
+    let owner = Owner { slot, instance: unit.number };
+    if let Err(fault) =
+        guarded(fibers, owner, unit.limits.stack_bytes, deadline_ns, &mut || status = instance.enter(&args))
+    {
         unit.spent = true;
         return Err(fault);
     }
@@ -53,9 +58,12 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
 /// The fault that ended it; for a property that does not fit, with its text.
 pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Result<Unit, Fault> {
     let mut built = None;
+    let limits = parts.limits();
+    let owner = Owner { slot, instance: parts.number() };
+    let deadline_ns = clock::now_ns() + limits.of(Hook::Initialize);
     // Nothing that is made on the fiber may need to be dropped: a trap would leak it.
     let texts = parts.texts();
-    let ended = guarded(fibers, slot, parts.stack_bytes(), &mut || built = Some(parts.build(&texts)));
+    let ended = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || built = Some(parts.build(&texts)));
     drop(texts);
     match (ended, built) {
         (Ok(()), Some(Ok(instance))) => Ok(parts.finish(instance)),
@@ -75,7 +83,9 @@ pub fn touch(
     unit: &mut Unit,
     closure: &mut dyn FnMut(),
 ) -> Result<(), Fault> {
-    let result = guarded(fibers, slot, unit.stack_bytes, closure);
+    let (owner, limits) = (Owner { slot, instance: unit.number }, unit.limits);
+    let deadline_ns = clock::now_ns().saturating_add(limits.hang_ns);
+    let result = guarded(fibers, owner, limits.stack_bytes, deadline_ns, closure);
     unit.spent |= result.is_err();
     result
 }
@@ -83,8 +93,11 @@ pub fn touch(
 /// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop; false then.
 pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bool {
     unit.close();
+    let (owner, limits) = (Owner { slot, instance: unit.number }, unit.limits);
     let instance = &mut unit.instance;
-    unit.spent = unit.spent || guarded(fibers, slot, unit.stack_bytes, &mut || _ = instance.destroy()).is_err();
+    let mut drop = || _ = instance.destroy();
+    let deadline_ns = clock::now_ns() + limits.of(Hook::Destroy);
+    unit.spent = unit.spent || guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut drop).is_err();
     // A panic in a drop is over when the shim returns; the object is gone.
     let _ = forget_notes();
     let dropped = !unit.spent;
@@ -102,35 +115,51 @@ pub fn side_report() -> Option<Fault> {
     let (symptom, evidence) =
         raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
     let now = clock::now_ns();
-    Some(Fault { symptom, at_ns: now, detected_ns: now, injected: false, evidence })
+    Some(Fault::told(symptom, now, evidence))
 }
 
 fn guarded(
     fibers: &mut FiberPool,
-    slot: &'static str,
+    owner: Owner,
     stack_bytes: usize,
+    deadline_ns: u64,
     closure: &mut dyn FnMut(),
 ) -> Result<(), Fault> {
-    host::enter_slot(slot);
+    host::enter_slot(owner);
     let _ = check::take_report();
-    match fibers.run(stack_bytes, closure) {
-        Ok(Ended::Returned) => Ok(()),
-        Ok(Ended::Trapped) => Err(trapped()),
+    match fibers.run(stack_bytes, deadline_ns, closure) {
+        Ok(None) => Ok(()),
+        Ok(Some(trap)) => Err(trapped(&trap)),
         Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
     }
 }
 
-fn trapped() -> Fault {
-    let Some(trap) = trap::take() else { return told(Symptom::CrashSegv, "a trap that left no trace") };
+fn trapped(trap: &Trap) -> Fault {
     // Whatever the callback had told before it trapped is not the reason.
-    let injected = forget_notes();
+    let (injected, symptom) = (forget_notes(), crash::of_trap(trap));
     Fault {
-        symptom: crash::of_trap(&trap),
+        symptom,
         at_ns: injected.unwrap_or(trap.at_ns),
         detected_ns: clock::now_ns(),
         injected: injected.is_some(),
+        thread_lost: trap.thread_lost,
+        memory: taint::of_trap(symptom, trap),
         evidence: Evidence::Trap(trap.evidence),
     }
+}
+
+/// The fault of a thread that a component started; `None`: it only ended.
+pub(super) fn astray(event: &Event, at_ns: u64) -> Option<Fault> {
+    let (symptom, evidence, memory, thread_lost) = match event {
+        // Elsewhere a lock may be held, and stays so.
+        Event::Trapped(trap) => {
+            let symptom = crash::of_trap(trap);
+            (symptom, Evidence::Trap(trap.evidence), taint::of_trap(symptom, trap), trap.site == Site::Elsewhere)
+        }
+        Event::Panicked(evidence) => (Symptom::CrashPanic, *evidence, Memory::Sound, false),
+        Event::Ended => return None,
+    };
+    Some(Fault { at_ns, memory, thread_lost, ..Fault::told(symptom, clock::now_ns(), evidence) })
 }
 
 /// A fault that was told by a text: what the component noted, or `text` where it noted nothing.
@@ -143,7 +172,11 @@ pub(super) fn told(symptom: Symptom, text: &str) -> Fault {
         _ => Evidence::Text { message: host::take_error().unwrap_or_else(|| ShortText::new(text)) },
     };
     let injected = forget_notes();
-    Fault { symptom, at_ns: injected.unwrap_or(detected_ns), detected_ns, injected: injected.is_some(), evidence }
+    Fault {
+        at_ns: injected.unwrap_or(detected_ns),
+        injected: injected.is_some(),
+        ..Fault::told(symptom, detected_ns, evidence)
+    }
 }
 
 fn forget_notes() -> Option<u64> {

@@ -17,7 +17,8 @@ use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
 use crate::profile::plan::Trigger;
 use crate::sys::fiber::FiberPool;
-use crate::sys::{clock, thread};
+use crate::sys::foreign::Report;
+use crate::sys::{arch, carrier, clock, watchdog};
 
 /// What an executor may be told. Each is answered when it is done.
 enum Command {
@@ -27,6 +28,7 @@ enum Command {
     Remove(usize, Sender<()>),
     Rank(Vec<(usize, u32)>, Sender<()>),
     Inject(usize, u8, Sender<bool>),
+    Blame(usize, Box<Report>),
     Quit,
 }
 
@@ -59,7 +61,7 @@ impl Executor {
         let kept = schedule.clone();
         let refused = move |reason: &str| tracing::warn!("executor {title}: {reason}");
         let body = move || Run::new(own, inbox, faults).until_quit();
-        let thread = thread::spawn_guarded(name, schedule, refused, body)?;
+        let thread = carrier::spawn(name, schedule, refused, body)?;
         Ok(Self {
             name: name.to_owned(),
             bell,
@@ -133,6 +135,13 @@ impl Executor {
         self.ask(limit, |reply| Command::Inject(member, code, reply))
     }
 
+    /// Tells a member what happened on a thread that it started.
+    pub fn blame(&self, member: usize, report: Report) {
+        // An executor that is gone has no members any more.
+        let _ = self.commands.send(Command::Blame(member, Box::new(report)));
+        self.bell.wake();
+    }
+
     fn ask<T>(&self, limit: Duration, command: impl FnOnce(Sender<T>) -> Command) -> Result<T, Stuck> {
         // Once it did not answer, nobody waits for it again: a shutdown would take a time-out for each of its slots.
         let limit = if self.stuck.load(Ordering::Relaxed) { Duration::from_millis(1) } else { limit };
@@ -178,8 +187,9 @@ impl Run {
     }
 
     fn until_quit(mut self) {
-        self.bell.adopt();
         loop {
+            // The thread may be another one than before.
+            self.bell.adopt();
             while let Ok(command) = self.inbox.try_recv() {
                 if !self.obey(command) {
                     return;
@@ -217,6 +227,7 @@ impl Run {
                 _ = reply.send(());
             }
             Command::Inject(number, code, reply) => _ = reply.send(self.inject(number, code)),
+            Command::Blame(number, report) => _ = self.with(number, |member, crew| member.blame(&report, crew)),
             // Plugins' thread-local destructors run when a thread ends; after a trap they might meet half-changed state.
             Command::Quit if self.crew.lost => self.retire(),
             Command::Quit => return false,
@@ -224,16 +235,15 @@ impl Run {
         true
     }
 
-    /// Stays for ever, doing nothing and holding nothing that others wait for.
+    /// Ends the thread as it stands, without its destructors; what it holds that others wait for is let go first.
     fn retire(&mut self) -> ! {
         self.crew.faults = crossbeam_channel::bounded(1).0;
         self.bell.retire();
-        loop {
-            self.bell.wait_until(None);
-        }
+        arch::exit_thread()
     }
 
     fn install(&mut self, mut member: Box<Member>) -> Result<usize, String> {
+        watchdog::expect(self.crew.fibers.pulse(), member.shelf.shortest_ns());
         if let Err(reason) = member.install(&mut self.crew) {
             member.destroy(&mut self.crew);
             return Err(reason);

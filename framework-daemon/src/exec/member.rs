@@ -214,11 +214,19 @@ impl Member {
         self.slot.status.longest_ns.fetch_max(took_ns, Ordering::Relaxed);
         match callback::side_report() {
             Some(fault) => self.handle(&fault, crew),
+            None => self.judge_time(took_ns, crew),
+        }
+    }
+
+    /// An overrun, or a checkpoint where one is due: of an instance that works.
+    fn judge_time(&mut self, took_ns: u64, crew: &mut Crew) {
+        let limits = self.unit.as_ref().map(|unit| unit.limits);
+        match limits.and_then(|limits| limits.late(took_ns)) {
+            Some(fault) => self.handle(&fault, crew),
             None => self.back_up(crew),
         }
     }
 
-    /// A checkpoint, where one is due: of an instance that works.
     fn back_up(&mut self, crew: &mut Crew) {
         let (Some(checkpoint), Some(unit)) = (&mut self.checkpoint, &mut self.unit) else { return };
         if checkpoint.is_due()
@@ -276,7 +284,7 @@ impl Member {
     }
 
     /// A fault on the way out: there is nothing left to recover.
-    fn lose(&mut self, fault: &Fault, crew: &mut Crew) {
+    pub(super) fn lose(&mut self, fault: &Fault, crew: &mut Crew) {
         self.step(Event::Fault);
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
             crew.dispose(&self.slot, unit);

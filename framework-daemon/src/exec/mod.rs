@@ -16,6 +16,9 @@ pub mod executor;
 /// A slot as its executor sees it: instance, state, rules, standbys.
 pub mod member;
 
+/// Faults on threads that a component started.
+pub mod astray;
+
 /// Instances come and go: constructor and `initialize`, `stop`, `destroy` and the drop.
 pub mod prepare;
 

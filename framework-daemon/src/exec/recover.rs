@@ -360,6 +360,7 @@ impl Member {
         mut record: Record,
         crew: &Crew,
     ) {
+        self.slot.status.count_taint(fault.memory);
         record.times.detected_ns = fault.detected_ns.saturating_sub(fault.at_ns);
         let event = FaultEvent {
             slot: self.slot.name,

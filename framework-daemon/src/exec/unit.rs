@@ -1,16 +1,23 @@
 //! An instance with its bindings, and the recipe for another one.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use abi_stable::std_types::RStr;
-use component_sdk::abi::class::{CallStatus, ClassDecl, Direction};
+use component_sdk::abi::class::{CallStatus, ClassDecl, Direction, Hook};
 use component_sdk::abi::payload::PortHandle;
 
 use super::checkpoint::Region;
 use super::slot::Slot;
+use crate::detect::deadline;
+use crate::model::fault::{Evidence, Fault};
+use crate::model::limits::{HANG, HANG_AT_START, HANG_AT_STOP, STACK_BYTES};
+use crate::model::symptom::Symptom;
 use crate::plugin::Class;
 use crate::plugin::instance::{self, Instance};
 use crate::port::border::Binding;
+use crate::profile::plan::Execution;
+use crate::sys::clock;
 
 /// Finds and loads a class when it is needed: `preload="none"`.
 pub type Loader = Arc<dyn Fn() -> Result<Class, String> + Send + Sync>;
@@ -35,20 +42,69 @@ pub struct Recipe {
     pub source: Source,
     /// Property texts by name; the class's defaults hold for the others.
     pub properties: Vec<(String, String)>,
-    /// Stack of its fibers in bytes.
+    /// What its callbacks may take.
+    pub limits: Limits,
+}
+
+/// What callbacks may take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Stack of a fiber in bytes.
     pub stack_bytes: usize,
+    /// Budget of `on_execute` in nanoseconds; beyond it an overrun.
+    pub budget_ns: Option<u64>,
+    /// Time in which a callback in operation must return, in nanoseconds; beyond it a hang.
+    pub hang_ns: u64,
+}
+
+impl Limits {
+    /// What a component profile says, with the defaults for what it does not say.
+    #[must_use]
+    pub fn new(execution: &Execution) -> Self {
+        let nanoseconds = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        Self {
+            stack_bytes: execution.stack.unwrap_or(STACK_BYTES),
+            budget_ns: execution.deadline.map(|deadline| nanoseconds(deadline.budget)),
+            hang_ns: nanoseconds(execution.deadline.map_or(HANG, |deadline| deadline.hang)),
+        }
+    }
+
+    /// The fault of an `on_execute` that returned after `took_ns`, if that was too late.
+    #[must_use]
+    pub fn late(&self, took_ns: u64) -> Option<Fault> {
+        let budget_ns = self.budget_ns.filter(|budget_ns| deadline::is_overrun(took_ns, *budget_ns))?;
+        let now = clock::now_ns();
+        let evidence = Evidence::Time { took_ns, budget_ns };
+        // It happened when the budget was over.
+        let at_ns = now - (took_ns - budget_ns);
+        Some(Fault { at_ns, ..Fault::told(Symptom::Overrun, now, evidence) })
+    }
+
+    /// Time in which that callback must return, in nanoseconds.
+    #[must_use]
+    pub const fn of(&self, hook: Hook) -> u64 {
+        match hook {
+            Hook::Initialize | Hook::Start => HANG_AT_START.as_nanos() as u64,
+            Hook::Stop | Hook::Destroy => HANG_AT_STOP.as_nanos() as u64,
+            Hook::Execute | Hook::Update | Hook::Event | Hook::Error | Hook::Reset | Hook::Recover | Hook::Rehearse => {
+                self.hang_ns
+            }
+        }
+    }
 }
 
 /// An instance in a slot.
 pub struct Unit {
     /// The instance.
     pub instance: Instance,
+    /// Its number: no other instance ever has the same.
+    pub number: u64,
     /// Its class's name.
     pub class: &'static str,
     /// Number of the slot's recipe that it was made after.
     pub recipe: usize,
-    /// Stack of its fibers in bytes.
-    pub stack_bytes: usize,
+    /// What its callbacks may take.
+    pub limits: Limits,
     /// It trapped: it may never be entered or dropped again.
     pub spent: bool,
     /// Its `start` went well.
@@ -66,7 +122,7 @@ pub struct Parts {
     handles: Vec<PortHandle>,
     properties: Vec<String>,
     recipe: usize,
-    stack_bytes: usize,
+    limits: Limits,
 }
 
 impl Recipe {
@@ -92,7 +148,7 @@ impl Recipe {
         let bindings = bind(decl, slot, number)?;
         let handles = bindings.iter().map(Binding::handle).collect();
         let properties = decl.properties.iter().map(|property| self.property(property)).collect();
-        Ok(Parts { number, class, bindings, handles, properties, recipe: self.number, stack_bytes: self.stack_bytes })
+        Ok(Parts { number, class, bindings, handles, properties, recipe: self.number, limits: self.limits })
     }
 
     fn property(&self, decl: &component_sdk::abi::class::PropertyDecl) -> String {
@@ -133,19 +189,26 @@ impl Parts {
         Unit {
             regions: critical_fields(&self.class.exported().decl, instance.address()),
             instance,
+            number: self.number,
             class: self.class.name(),
             recipe: self.recipe,
-            stack_bytes: self.stack_bytes,
+            limits: self.limits,
             spent: false,
             started: false,
             bindings: self.bindings,
         }
     }
 
-    /// Stack of its fibers in bytes.
+    /// Number of the instance to be.
     #[must_use]
-    pub const fn stack_bytes(&self) -> usize {
-        self.stack_bytes
+    pub const fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// What its callbacks may take.
+    #[must_use]
+    pub const fn limits(&self) -> Limits {
+        self.limits
     }
 
     /// The class's name.

@@ -26,7 +26,7 @@ use crate::model::schedule::Schedule;
 use crate::model::symptom::SeverityTable;
 use crate::sys::fiber::FiberPool;
 use crate::sys::wake::Waker;
-use crate::sys::{clock, thread};
+use crate::sys::{arch, carrier, clock, watchdog};
 
 /// Shelves that want something, each at most once, and what wakes the thread.
 struct Orders {
@@ -63,7 +63,7 @@ impl Shelf {
 
     /// Sizes of the stacks that its instances need.
     pub fn stacks(&self) -> impl Iterator<Item = usize> {
-        self.recipes.iter().map(|recipe| recipe.stack_bytes)
+        self.recipes.iter().map(|recipe| recipe.limits.stack_bytes)
     }
 
     /// Number of the recipe in use.
@@ -91,6 +91,23 @@ impl Shelf {
             }
         }
         None
+    }
+
+    /// The spare of that number, if it is here.
+    pub(super) fn take_instance(&self, number: u64) -> Option<Unit> {
+        (0..self.ready.len()).filter_map(|_| self.ready.pop()).find_map(|unit| {
+            if unit.number == number {
+                return Some(unit);
+            }
+            // There is room: it was taken out just now, unless the workshop was faster.
+            self.ready.push(unit).err().and_then(|unit| self.cleared.push(unit).err())
+        })
+    }
+
+    /// Least time that one of its callbacks is entered with, in nanoseconds.
+    #[must_use]
+    pub fn shortest_ns(&self) -> u64 {
+        self.recipes.iter().map(|recipe| recipe.limits.hang_ns).min().unwrap_or(u64::MAX)
     }
 
     /// Leaves a unit to be ended; gives it back where the workshop does not keep up.
@@ -165,7 +182,7 @@ impl Workshop {
         });
         let own = Arc::clone(&orders);
         let body = move || Worker::new(own, faults).until_quit();
-        let thread = thread::spawn_guarded("workshop", Schedule::default(), |_| {}, body)?;
+        let thread = carrier::spawn("workshop", Schedule::default(), |_| {}, body)?;
         Ok(Self { orders, thread: Some(thread) })
     }
 
@@ -247,19 +264,18 @@ impl Worker {
         self.leave();
     }
 
-    /// Ends; after a trap it stays instead, holding nothing that others wait for: plugins' thread-local destructors might
-    /// meet half-changed state.
+    /// Ends; after a trap without destructors, holding nothing that others wait for: plugins' thread-local ones might meet
+    /// half-changed state.
     fn leave(mut self) {
         if self.crew.lost {
             self.crew.faults = crossbeam_channel::bounded(1).0;
             self.resting.clear();
-            loop {
-                self.orders.waker.wait_until(None);
-            }
+            arch::exit_thread();
         }
     }
 
     fn serve(&mut self, shelf: &Arc<Shelf>) {
+        watchdog::expect(self.crew.fibers.pulse(), shelf.shortest_ns());
         self.clear_outdated(shelf);
         while let Some(unit) = shelf.cleared.pop() {
             self.crew.end(&shelf.slot, unit);
@@ -309,6 +325,7 @@ impl Worker {
     /// A spare that fails is a fault of its slot, though the slot works on.
     fn tell(&self, shelf: &Shelf, number: usize, fault: Fault) {
         Status::count(&shelf.slot.status.faults);
+        shelf.slot.status.count_taint(fault.memory);
         let event = FaultEvent {
             slot: shelf.slot.name,
             class: shelf.recipe(number).class_name,

@@ -5,11 +5,12 @@
 
 use std::cell::Cell;
 
-use abi_stable::std_types::RStr;
+use abi_stable::std_types::{RSlice, RStr};
 
-use crate::model::fault::ShortText;
-use crate::model::limits::REGIONS_PER_CALLBACK;
-use crate::sys::{clock, log_ring};
+use crate::model::fault::{Evidence, ShortText};
+use crate::model::limits::{REGIONS_PER_CALLBACK, SAFE_OUTPUT_BYTES};
+use crate::sys::foreign::{self, Owner};
+use crate::sys::{clock, log_ring, safe_outputs, shield};
 
 /// A panic as the plugin's hook saw it.
 #[derive(Clone, Copy)]
@@ -36,7 +37,6 @@ pub struct RegionNote {
 thread_local! {
     // One flag for all: a callback that told nothing costs one load, not the texts' copies.
     static TOLD: Cell<bool> = const { Cell::new(false) };
-    static SLOT: Cell<&'static str> = const { Cell::new("") };
     static INSTANCE: Cell<u64> = const { Cell::new(0) };
     static PANIC: Cell<Option<PanicNote>> = const { Cell::new(None) };
     static ERROR: Cell<Option<ShortText>> = const { Cell::new(None) };
@@ -47,8 +47,8 @@ thread_local! {
 }
 
 /// Says whose callback runs on this thread from now on; what was told before is nobody's any more.
-pub fn enter_slot(name: &'static str) {
-    SLOT.set(name);
+pub fn enter_slot(owner: Owner) {
+    foreign::enter(owner);
     REGION_COUNT.set(0);
     if has_told() {
         forget();
@@ -115,7 +115,7 @@ pub extern "C" fn clock_now() -> u64 {
 
 /// [`component_sdk::abi::host::HostApi::log`].
 pub extern "C" fn log(level: u8, text: RStr<'_>) {
-    log_ring::put(level, SLOT.get(), text.as_str());
+    log_ring::put(level, foreign::owner().slot, text.as_str());
 }
 
 /// [`component_sdk::abi::host::HostApi::raise_fault`].
@@ -135,6 +135,11 @@ pub extern "C" fn note_error(text: RStr<'_>) {
 /// [`component_sdk::abi::host::HostApi::note_panic`].
 pub extern "C" fn note_panic(message: RStr<'_>, file: RStr<'_>, line: u32) {
     let note = PanicNote { message: ShortText::new(message.as_str()), file: ShortText::new(file.as_str()), line };
+    shield::leave::note_panic(note.message.as_str());
+    if foreign::is_here() {
+        // No callback will ask for it.
+        return foreign::panicked(Evidence::Panic { message: note.message, file: note.file, line });
+    }
     PANIC.set(Some(note));
     TOLD.set(true);
 }
@@ -153,6 +158,19 @@ pub extern "C" fn critical(name: RStr<'_>, address: *mut u8, len: usize) {
         REGIONS.with(|regions| regions[place].set(Some(note)));
         REGION_COUNT.set(place + 1);
     } else {
-        log_ring::put(2, SLOT.get(), "too many critical regions in one callback: one is not in the checkpoint");
+        log_ring::put(
+            2,
+            foreign::owner().slot,
+            "too many critical regions in one callback: one is not in the checkpoint",
+        );
+    }
+}
+
+/// [`component_sdk::abi::host::HostApi::safe_output`].
+pub extern "C" fn safe_output(fd: i32, bytes: RSlice<'_, u8>) {
+    let (mut copy, len) = ([0; SAFE_OUTPUT_BYTES + 1], bytes.len().min(SAFE_OUTPUT_BYTES + 1));
+    copy[..len].copy_from_slice(&bytes.as_slice()[..len]);
+    if let Err(refused) = safe_outputs::set(fd, &copy[..len]) {
+        log_ring::put(1, foreign::owner().slot, ShortText::of(format_args!("{refused}")).as_str());
     }
 }

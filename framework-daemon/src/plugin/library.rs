@@ -20,7 +20,7 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 use super::compat::{self, HeaderView};
 use super::image::{self, Image};
 use crate::model::limits::PLUGIN_FILE_BYTES;
-use crate::sys::memory;
+use crate::sys::{fence, memory, shield, text};
 
 /// A loaded plugin.
 pub struct Plugin {
@@ -80,12 +80,14 @@ impl Plugin {
         }
         let bytes = std::fs::read(file).map_err(|error| format!("it cannot be read: {error}"))?;
         let image = image::read(&bytes)?;
-        let library = open_copy(file, &bytes)?;
-        let (header, raw) = read_header(&library, &image.symbol)?;
-        memory::read_in(std::ptr::from_ref(raw).expose_provenance());
-        let module = root_module(raw)?;
-        (module.install())(host);
-        let classes = (module.classes())().as_slice();
+        let (header, classes) = shield::load(|| -> Result<_, String> {
+            let library = open_copy(file, &bytes)?;
+            let (header, raw) = read_header(&library, &image.symbol)?;
+            memory::read_in(std::ptr::from_ref(raw).expose_provenance());
+            let module = root_module(raw)?;
+            (module.install())(host);
+            Ok((header, (module.classes())().as_slice()))
+        })?;
         Ok(Arc::new(Self { file: file.to_owned(), stamp, image, header, classes }))
     }
 
@@ -132,7 +134,8 @@ impl Class {
 /// names, and the name of a copy is its descriptor's number.
 fn open_copy(file: &Path, bytes: &[u8]) -> Result<ManuallyDrop<Library>, String> {
     let descriptor = copy_in_memory(file, bytes).map_err(|error| format!("no memory for its private copy: {error}"))?;
-    let path = format!("/proc/self/fd/{}", descriptor.as_raw_fd());
+    let path = format!("{}{}", text::COPIES, descriptor.as_raw_fd());
+    text::install();
     // SAFETY: loading runs the library's constructors: they are trusted as far as its image was checked here and another
     // process survived them (`probe`).
     let library = unsafe { Library::open(Some(&path), RTLD_NOW | RTLD_LOCAL) };
@@ -142,6 +145,7 @@ fn open_copy(file: &Path, bytes: &[u8]) -> Result<ManuallyDrop<Library>, String>
     })?;
     #[allow(clippy::mem_forget, reason = "the descriptor's number is the name of a library that is never closed")]
     std::mem::forget(descriptor);
+    fence::enclose(&text::learn(&path, file));
     Ok(ManuallyDrop::new(library))
 }
 

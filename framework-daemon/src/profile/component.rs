@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::diagnostic::{Diagnostic, Level, Reporter};
 use super::fault_rules;
 use super::plan::{
-    ComponentPlan, DataPortPlan, EventPortPlan, Execution, Overflow, Policy, Property, Queue, Schedule,
+    ComponentPlan, DataPortPlan, Deadline, EventPortPlan, Execution, Overflow, Policy, Property, Queue, Schedule,
     ServicePortPlan, Trigger, Usage,
 };
 use super::quantity;
@@ -186,15 +186,21 @@ fn schedule(semantics: &Element, report: &mut Reporter) -> Schedule {
     Schedule { policy, priority: priority.clamp(0, limits::PRIORITY_MAX), cpus: Vec::new() }
 }
 
-fn deadline(semantics: &Element, report: &mut Reporter) -> Option<Duration> {
+fn deadline(semantics: &Element, report: &mut Reporter) -> Option<Deadline> {
     let element = semantics.child("deadline")?;
-    let deadline = quantity::duration(&element.text).ok()?;
-    if deadline.is_zero() {
+    let budget = quantity::duration(&element.text).ok()?;
+    if budget.is_zero() {
         report.error(element.text_span, "deadline must be more than 0");
         return None;
     }
-    report.not_active(element.name_span, "<deadline>");
-    Some(deadline)
+    let given =
+        element.attribute("hang").and_then(|hang| Some((hang.value_span, quantity::duration(&hang.value).ok()?)));
+    if let Some((span, _)) = given.filter(|(_, hang)| *hang < budget) {
+        report.error(span, "hang must not be less than the deadline itself").hint =
+            Some("a callback overruns beyond its deadline; it hangs when it does not return until then".to_owned());
+        return None;
+    }
+    Some(Deadline { budget, hang: given.map_or(budget * limits::HANG_FACTOR, |(_, hang)| hang) })
 }
 
 fn stack(semantics: &Element, report: &mut Reporter) -> Option<usize> {

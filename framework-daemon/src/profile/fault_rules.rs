@@ -18,17 +18,8 @@ use crate::model::limits;
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
 /// Symptoms that no detector reports yet.
-const NOT_DETECTED: [Symptom; 9] = [
-    Symptom::Hang,
-    Symptom::Overrun,
-    Symptom::Rate,
-    Symptom::Stale,
-    Symptom::Type,
-    Symptom::Model,
-    Symptom::Vote,
-    Symptom::Device,
-    Symptom::Late,
-];
+const NOT_DETECTED: [Symptom; 7] =
+    [Symptom::Rate, Symptom::Stale, Symptom::Type, Symptom::Model, Symptom::Vote, Symptom::Device, Symptom::Late];
 
 /// `fault_tolerance` as written, references not yet resolved.
 #[derive(Clone, Debug, Serialize)]

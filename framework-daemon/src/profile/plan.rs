@@ -75,7 +75,7 @@ pub struct SystemPlan {
     pub dependencies: Vec<ApplicationDependencyPlan>,
     /// Slots that get the emergency stop, in order (not active yet).
     pub emergency: Vec<String>,
-    /// What to do when shared memory may be damaged (`restart` is not active yet).
+    /// What to do when shared memory may be damaged.
     pub on_taint: OnTaint,
 }
 
@@ -261,14 +261,23 @@ pub struct Execution {
     pub trigger: Trigger,
     /// Thread scheduling, for a slot with an executor of its own.
     pub schedule: Schedule,
-    /// Budget of one callback.
-    pub deadline: Option<Duration>,
+    /// How long `on_execute` may take.
+    pub deadline: Option<Deadline>,
     /// Size of the fiber's stack in bytes; `None`: the default.
     pub stack: Option<usize>,
     /// `lifecycle_type`: `start` runs it at boot (true), anything else leaves it initialised (false).
     pub autostart: bool,
     /// `singleton`: at most one slot may use the class.
     pub singleton: bool,
+}
+
+/// How long a callback may take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Deadline {
+    /// Beyond it an overrun.
+    pub budget: Duration,
+    /// Beyond it a hang: the callback is ended.
+    pub hang: Duration,
 }
 
 /// What wakes a component.

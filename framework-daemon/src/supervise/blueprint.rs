@@ -8,8 +8,7 @@ use component_sdk::object::TypeDescriptor;
 
 use super::catalogue::Catalogue;
 use super::wiring::{at, describe};
-use crate::exec::unit::{Recipe, Source};
-use crate::model::limits::STACK_BYTES;
+use crate::exec::unit::{Limits, Recipe, Source};
 use crate::model::names;
 use crate::plugin::{Class, Plugin};
 use crate::port::check::Checks;
@@ -120,8 +119,8 @@ fn output(decl: &PortDecl, component: &ComponentPlan) -> Result<OutPort, String>
 fn standby(secondary: &SecondaryPlan, primary: &Class, catalogue: &Catalogue) -> Result<(Recipe, Preload), String> {
     let component = Arc::clone(&secondary.component);
     let properties = texts(&secondary.properties);
+    let limits = Limits::new(&component.execution);
     let class_name = names::intern(&component.name);
-    let stack_bytes = component.execution.stack.unwrap_or(STACK_BYTES);
     let source = if secondary.preload == Preload::None {
         catalogue.foresee(&component).map_err(|reason| at(&secondary.location, &reason))?;
         let (catalogue, primary) = (catalogue.clone(), primary.clone());
@@ -134,7 +133,7 @@ fn standby(secondary: &SecondaryPlan, primary: &Class, catalogue: &Catalogue) ->
         same_ports(primary, &class).map_err(|reason| at(&secondary.location, &reason))?;
         Source::Loaded(class)
     };
-    Ok((Recipe { number: 0, class_name, source, properties, stack_bytes }, secondary.preload))
+    Ok((Recipe { number: 0, class_name, source, properties, limits }, secondary.preload))
 }
 
 fn same_ports(primary: &Class, secondary: &Class) -> Result<(), String> {

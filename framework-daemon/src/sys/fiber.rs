@@ -7,13 +7,22 @@
 
 use std::cell::{Cell, OnceCell};
 use std::mem::ManuallyDrop;
+use std::ops::Range;
 use std::rc::Rc;
+use std::sync::Arc;
 
-use corosensei::stack::{DefaultStack, Stack};
+use corosensei::stack::Stack;
 use corosensei::{Coroutine, CoroutineResult};
 
-use super::trap::{self, Armed};
+use super::carrier::{self, Lease};
+use super::pulse::Pulse;
+use super::shield;
+use super::stack::{self, OwnStack};
+use super::trap::{Armed, Trap};
 use crate::model::limits::TOUCHED_STACK_BYTES;
+
+/// A deadline that is never over.
+pub const NEVER: u64 = u64::MAX;
 
 /// A closure on its way to the fiber: one thin pointer to the borrow that [`Fiber::run`] holds. Wider values on this way
 /// are written as halves and read as a whole, which stalls the processor for longer than the switch itself takes.
@@ -27,10 +36,10 @@ struct Core {
 
 /// A stack and what runs on it. Runs one closure after the other.
 pub struct Fiber {
-    coroutine: ManuallyDrop<Coroutine<(), (), ()>>,
+    coroutine: ManuallyDrop<Coroutine<(), (), (), OwnStack>>,
     core: Rc<Core>,
-    low: usize,
-    high: usize,
+    /// Its stack's addresses.
+    range: Range<usize>,
     usable: bool,
 }
 
@@ -39,18 +48,27 @@ pub struct Fiber {
 pub enum Ended {
     /// It returned.
     Returned,
-    /// A trap ended it, and the fiber with it; [`trap::take`] tells which.
+    /// A trap ended it, and the fiber with it; [`Fiber::take_trap`] tells which. The thread may be another one than
+    /// before.
     Trapped,
 }
 
 impl Fiber {
-    /// A fiber with a stack of about `stack_bytes` and a guard page below.
+    /// A fiber with a stack of about `stack_bytes` and a guard page below, of no executor in particular.
     ///
     /// # Errors
     /// When the system has no address space left.
     pub fn new(stack_bytes: usize) -> std::io::Result<Self> {
-        let stack = DefaultStack::new(stack_bytes)?;
-        let (low, high) = (stack.limit().get(), stack.base().get());
+        Self::leased(stack_bytes, &Lease::default())
+    }
+
+    /// A fiber of the executor with this lease.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn leased(stack_bytes: usize, lease: &Lease) -> std::io::Result<Self> {
+        let stack = OwnStack::new(stack_bytes)?;
+        let (low, range) = (stack.limit().get(), stack.range());
         let core = Rc::new(Core { armed: OnceCell::new(), job: Cell::new(std::ptr::null_mut()) });
         let shared = Rc::clone(&core);
         let coroutine = Coroutine::with_stack(stack, move |yielder, ()| {
@@ -64,25 +82,31 @@ impl Fiber {
                 yielder.suspend(());
             }
         });
-        core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low));
-        Ok(Self { coroutine: ManuallyDrop::new(coroutine), core, low, high, usable: true })
+        let pulse = Arc::clone(&lease.pulse);
+        core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low, pulse, lease.relay));
+        Ok(Self { coroutine: ManuallyDrop::new(coroutine), core, range, usable: true })
     }
 
-    /// Runs `closure` on the fiber until it returns or traps.
+    /// Runs `closure` on the fiber until it returns or traps, or is ended because `deadline_ns` (on the monotonic clock) is
+    /// over and somebody watches.
     ///
-    /// What the closure owns is leaked by a trap: give it borrows of plain data only.
+    /// What the closure owns is leaked by a trap: give it borrows of plain data only. Never inlined: the caller may be on
+    /// another thread afterwards, and must not have kept the address of a thread-local.
     ///
     /// # Panics
     /// After a trap: the fiber is spent.
-    pub fn run(&mut self, closure: &mut dyn FnMut()) -> Ended {
+    #[inline(never)]
+    pub fn run(&mut self, deadline_ns: u64, closure: &mut dyn FnMut()) -> Ended {
         assert!(self.usable, "a fiber that trapped is never resumed");
         // SAFETY: only the lifetime changes; the closure is borrowed until `resume` returns, and the fiber never
         // touches it later: it asks for the next job, or it is spent.
         let mut borrow = unsafe { std::mem::transmute::<&mut dyn FnMut(), &'static mut dyn FnMut()>(closure) };
         self.core.job.set(&raw mut borrow);
-        self.core.armed.get().inspect(|armed| trap::arm(armed));
+        let armed = self.core.armed.get();
+        armed.inspect(|armed| armed.arm(deadline_ns));
         let result = self.coroutine.resume(());
-        trap::disarm();
+        shield::end_copy();
+        armed.inspect(|armed| armed.disarm());
         match result {
             CoroutineResult::Yield(()) => Ended::Returned,
             CoroutineResult::Return(()) => {
@@ -92,23 +116,16 @@ impl Fiber {
         }
     }
 
+    /// The trap that ended it.
+    #[must_use]
+    pub fn take_trap(&mut self) -> Option<Trap> {
+        self.core.armed.get().and_then(Armed::take_trap)
+    }
+
     /// False after a trap.
     #[must_use]
     pub const fn is_usable(&self) -> bool {
         self.usable
-    }
-
-    /// Gives the pages of a spent stack back and makes its range inaccessible; the addresses are never used again,
-    /// because a thread that the component started may still hold some.
-    ///
-    /// A fresh mapping over the range, not `madvise` and `mprotect`: those keep what makes the kernel hold the ranges
-    /// apart, and 20,000 graves would reach its limit of mappings. Fresh ones merge into one.
-    fn entomb(&self) {
-        let (start, len) = (std::ptr::without_provenance_mut(self.low), self.high - self.low);
-        let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE | libc::MAP_FIXED;
-        // SAFETY: the range is exactly the mapping that `DefaultStack` made for this fiber, which nothing runs on any
-        // more and nobody frees: the coroutine is never dropped.
-        unsafe { libc::mmap(start, len, libc::PROT_NONE, flags, -1, 0) };
     }
 }
 
@@ -121,7 +138,8 @@ impl Drop for Fiber {
             // SAFETY: dropped once, here, and not used afterwards.
             unsafe { ManuallyDrop::drop(&mut self.coroutine) };
         } else {
-            self.entomb();
+            // SAFETY: nothing runs on it any more, and nobody frees it: the coroutine is never dropped.
+            unsafe { stack::entomb(self.range.clone()) };
         }
     }
 }
@@ -131,27 +149,46 @@ fn touch_stack() {
     std::hint::black_box(&std::mem::MaybeUninit::<[u8; TOUCHED_STACK_BYTES]>::uninit());
 }
 
-/// Fibers for one thread, by size of stack.
-#[derive(Default)]
+/// Fibers for one executor, by size of stack.
 pub struct FiberPool {
     idle: Vec<(usize, Vec<Fiber>)>,
     spent: Vec<Fiber>,
+    lease: Lease,
+}
+
+impl Default for FiberPool {
+    /// For the executor whose thread calls it.
+    fn default() -> Self {
+        Self { idle: Vec::new(), spent: Vec::new(), lease: carrier::lease() }
+    }
 }
 
 impl FiberPool {
-    /// Runs `closure` on a fiber with a stack of that size.
+    /// Runs `closure` on a fiber with a stack of that size; it must return until `deadline_ns`. The trap that ended it, if
+    /// one did.
     ///
     /// # Errors
     /// When a new fiber is needed and the system has no address space left.
-    pub fn run(&mut self, stack_bytes: usize, closure: &mut dyn FnMut()) -> std::io::Result<Ended> {
+    pub fn run(
+        &mut self,
+        stack_bytes: usize,
+        deadline_ns: u64,
+        closure: &mut dyn FnMut(),
+    ) -> std::io::Result<Option<Trap>> {
         let mut fiber = self.take(stack_bytes)?;
-        let ended = fiber.run(closure);
-        if fiber.is_usable() {
+        if fiber.run(deadline_ns, closure) == Ended::Returned {
             self.put(stack_bytes, fiber);
-        } else {
-            self.spent.push(fiber);
+            return Ok(None);
         }
-        Ok(ended)
+        let trap = fiber.take_trap();
+        self.spent.push(fiber);
+        Ok(trap)
+    }
+
+    /// What the watchdog reads of this executor.
+    #[must_use]
+    pub const fn pulse(&self) -> &Arc<Pulse> {
+        &self.lease.pulse
     }
 
     /// Makes sure that a fiber of that size is there, so that a recovery need not map a stack.
@@ -161,15 +198,18 @@ impl FiberPool {
     pub fn prepare(&mut self, stack_bytes: usize, count: usize) -> std::io::Result<()> {
         self.spent.reserve(crate::model::limits::IDLE_FIBERS);
         while self.shelf(stack_bytes).len() < count {
-            let mut fiber = Fiber::new(stack_bytes)?;
-            fiber.run(&mut touch_stack);
+            let mut fiber = Fiber::leased(stack_bytes, &self.lease)?;
+            fiber.run(NEVER, &mut touch_stack);
             self.put(stack_bytes, fiber);
         }
         Ok(())
     }
 
     fn take(&mut self, stack_bytes: usize) -> std::io::Result<Fiber> {
-        self.shelf(stack_bytes).pop().map_or_else(|| Fiber::new(stack_bytes), Ok)
+        match self.shelf(stack_bytes).pop() {
+            Some(fiber) => Ok(fiber),
+            None => Fiber::leased(stack_bytes, &self.lease),
+        }
     }
 
     fn put(&mut self, stack_bytes: usize, fiber: Fiber) {
@@ -199,7 +239,7 @@ mod tests {
         let mut fiber = Fiber::new(64 << 10).unwrap();
         let mut sum = 0;
         for i in 0..100 {
-            assert!(matches!(fiber.run(&mut || sum += i), Ended::Returned));
+            assert!(matches!(fiber.run(NEVER, &mut || sum += i), Ended::Returned));
         }
         assert_eq!(sum, 4950);
     }
@@ -209,7 +249,7 @@ mod tests {
         let mut pool = FiberPool::default();
         let mut address = [0usize; 2];
         for slot in &mut address {
-            pool.run(64 << 10, &mut || {
+            pool.run(64 << 10, NEVER, &mut || {
                 let local = 0u8;
                 *slot = (&raw const local).addr();
             })

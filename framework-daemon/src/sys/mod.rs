@@ -1,10 +1,37 @@
 //! The operating system: clock, threads, fibers, traps, wake-ups. Most of the daemon's unsafe code has its address here.
 
+/// All that depends on the processor.
+pub mod arch;
+
+/// Threads that carry executors, and those that take over from one that is given up.
+pub mod carrier;
+
 /// The monotonic clock.
 pub mod clock;
 
+/// System calls that plugin code makes itself.
+pub mod fence;
+
 /// A callback runs on a fiber: it may end by a trap without taking its thread along.
 pub mod fiber;
+
+/// Stacks of fibers.
+mod stack;
+
+/// Threads that plugins start.
+pub mod foreign;
+
+/// Waiting on a word of memory.
+pub mod futex;
+
+/// The C library's heap after a thread was given up.
+pub mod heap;
+
+/// What the process still says when it dies by a trap.
+pub mod last_words;
+
+/// Functions of the C library that hold no lock.
+pub mod leaf;
 
 /// Log records of components, written by an ordinary thread.
 pub mod log_ring;
@@ -12,17 +39,32 @@ pub mod log_ring;
 /// Pages that stay in memory.
 pub mod memory;
 
-/// The end of the process, as plugins see it.
+/// Until when a callback must have returned.
+pub mod pulse;
+
+/// From a thread that is given up to one in reserve.
+pub mod relay;
+
+/// What is written to actuators when the process dies.
+pub mod safe_outputs;
+
+/// What plugins see as the C library.
 pub mod shield;
 
-/// HUP, TERM, INT as values on a channel.
+/// HUP, TERM, INT, USR1 as values on a channel.
 pub mod signals;
+
+/// Whose machine code an address belongs to.
+pub mod text;
 
 /// Threads that may run fibers, and how the operating system schedules them.
 pub mod thread;
 
 /// Fatal signals on a fiber end the fiber.
 pub mod trap;
+
+/// Sees which callback is over its deadline.
+pub mod watchdog;
 
 /// Waiting for a moment or a wake-up.
 pub mod wake;

@@ -3,6 +3,7 @@
 
 use std::thread::JoinHandle;
 
+use super::heap;
 use crate::model::limits::SIGNAL_STACK_BYTES;
 use crate::model::schedule::{Policy, Schedule};
 
@@ -15,7 +16,16 @@ impl SignalStack {
     #[must_use]
     pub fn new() -> Self {
         // Written once, so that the first fault need not wait for pages.
-        let mut memory = vec![1u8; SIGNAL_STACK_BYTES].into_boxed_slice();
+        Self::of(vec![1u8; SIGNAL_STACK_BYTES].into_boxed_slice())
+    }
+
+    /// As [`Self::new`], for a thread in no hurry: the stack of one that is lost takes what its handler touched.
+    #[must_use]
+    pub fn untouched() -> Self {
+        Self::of(vec![0u8; SIGNAL_STACK_BYTES].into_boxed_slice())
+    }
+
+    fn of(mut memory: Box<[u8]>) -> Self {
         let stack = libc::stack_t { ss_sp: memory.as_mut_ptr().cast(), ss_flags: 0, ss_size: memory.len() };
         // SAFETY: the memory is held until `drop` takes it from the kernel; the old stack is not asked for.
         unsafe { libc::sigaltstack(&raw const stack, std::ptr::null_mut()) };
@@ -37,6 +47,25 @@ impl Default for SignalStack {
     }
 }
 
+/// The calling thread as the kernel knows it.
+#[must_use]
+pub fn id() -> i32 {
+    // SAFETY: the system call takes no memory.
+    unsafe { libc::gettid() }
+}
+
+/// Starts a thread that runs no fibers. A signal that ends the process may strike it all the same, and the last words need
+/// more room than the standard library's signal stacks have.
+///
+/// # Errors
+/// When the system has no thread left.
+pub fn spawn(name: &str, body: impl FnOnce() + Send + 'static) -> std::io::Result<JoinHandle<()>> {
+    std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+        let _stack = SignalStack::new();
+        body();
+    })
+}
+
 /// Starts a thread that may run fibers. What the system does not permit of `schedule` is passed to `refused`, in words.
 ///
 /// # Errors
@@ -49,6 +78,7 @@ pub fn spawn_guarded(
 ) -> std::io::Result<JoinHandle<()>> {
     std::thread::Builder::new().name(name.chars().take(15).collect()).spawn(move || {
         let _stack = SignalStack::new();
+        heap::adopt_thread();
         // Without it every timed wait is up to 50 us late.
         let _ = nix::sys::prctl::set_timerslack(1);
         if let Err(reason) = apply(&schedule) {

@@ -1,123 +1,327 @@
-//! Fatal signals on a fiber end the fiber; anywhere else the previous handler decides.
+//! Fatal signals on a fiber end the fiber; anywhere else the process says its last words and ends. So does the watchdog's
+//! signal when the callback on the fiber is late.
 //!
-//! The handler asks first whether foreign code runs on this thread: a fiber is armed and the stack pointer lies in it.
-//! It allocates nothing, takes no lock and calls nothing that is not async-signal-safe.
+//! The handler asks first whether foreign code runs on this thread: a fiber is armed, and the stack pointer lies in it. Then
+//! where the program counter is ([`Site`]): where no lock can be held the fiber ends by a change of registers, and the
+//! executor goes on at once. Elsewhere (in the allocator, in a system call) the *thread* is given up: it passes its
+//! executor to a reserve thread and ends on the spot, without a destructor; a lock that it holds stays with nobody who
+//! would take it again.
+//!
+//! The handler allocates nothing, takes no lock and calls nothing that is not async-signal-safe.
 #![allow(unsafe_code, reason = "address of unsafe: signal handlers and register contexts")]
 
 use std::cell::Cell;
-use std::sync::Once;
-use std::sync::atomic::{AtomicPtr, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Once};
 
 use corosensei::trap::CoroutineTrapHandler;
 
-use super::clock;
+use super::fence::{self, Verdict};
+use super::last_words::{self, Death, End};
+use super::pulse::Pulse;
+use super::relay::Relay;
+use super::shield::handlers;
+use super::{arch, clock, foreign, heap, leaf, shield, text, thread};
 use crate::model::fault::TrapEvidence;
+use crate::model::limits::{HANG_ATTEMPTS, HANG_ATTEMPTS_IN_DAEMON, STACK_WORDS};
 
 /// The signals that end a fiber.
-pub const SIGNALS: [i32; 5] = [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT];
+pub const SIGNALS: [i32; 7] =
+    [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT, libc::SIGSYS, libc::SIGTRAP];
+
+/// The watchdog's: one that nobody else uses.
+#[must_use]
+pub fn watchdog_signal() -> i32 {
+    libc::SIGRTMAX() - 3
+}
 
 /// What the handler saw.
 #[derive(Clone, Copy, Debug)]
 pub struct Trap {
     /// Signal, address, registers.
     pub evidence: TrapEvidence,
+    /// Where the program counter was.
+    pub site: Site,
     /// The access hit the guard page below the fiber's stack.
     pub stack_overflow: bool,
     /// The component called `exit` or one of its kin.
     pub exited: bool,
-    /// When the handler was entered.
+    /// The component, or a runtime of its own, called `abort`.
+    pub asked: bool,
+    /// The callback did not return in time.
+    pub hang: bool,
+    /// The thread was given up; a reserve thread runs the executor now.
+    pub thread_lost: bool,
+    /// When it happened: of a hang, when its time was over; else when the handler was entered.
     pub at_ns: u64,
 }
 
-/// A fiber that runs on this thread: what the handler needs to end it.
-#[derive(Clone, Copy)]
-pub(super) struct Armed {
-    handler: CoroutineTrapHandler<()>,
-    stack_low: usize,
-}
-
-impl Armed {
-    /// Of the fiber of that handler, with the lower end of its stack.
-    pub(super) const fn new(handler: CoroutineTrapHandler<()>, stack_low: usize) -> Self {
-        Self { handler, stack_low }
+impl Trap {
+    /// One of which nothing more is known.
+    #[must_use]
+    pub const fn new(evidence: TrapEvidence, at_ns: u64) -> Self {
+        let site = Site::Elsewhere;
+        Self {
+            evidence,
+            site,
+            stack_overflow: false,
+            exited: false,
+            asked: false,
+            hang: false,
+            thread_lost: false,
+            at_ns,
+        }
     }
 }
 
-thread_local! {
-    // `const` and without destructor: the handler may read it at any moment.
-    static ARMED: Cell<*const Armed> = const { Cell::new(std::ptr::null()) };
-    static EXITING: Cell<bool> = const { Cell::new(false) };
-    static TRAP: Cell<Option<Trap>> = const { Cell::new(None) };
+/// Where the program counter was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Site {
+    /// In a plugin's own text, or nowhere after a wild jump out of it.
+    Plugin,
+    /// In a function of the C library that holds no lock, called by a plugin.
+    Leaf,
+    /// In the daemon's text, or in such a function called by it: a plugin passed a bad pointer.
+    Daemon,
+    /// Anywhere else: a lock may be held.
+    Elsewhere,
 }
+
+impl Site {
+    /// Of an access to `address` at `pc`, in a function that returns to `caller`, if it has no frame.
+    pub(super) fn of(address: usize, pc: usize, caller: usize) -> Self {
+        if text::is_plugin(pc) {
+            return Self::Plugin;
+        }
+        if text::is_daemon(pc) {
+            return Self::Daemon;
+        }
+        let nowhere = pc == address;
+        match (leaf::holds(pc) || nowhere, text::is_plugin(caller), text::is_daemon(caller)) {
+            (true, true, _) if nowhere => Self::Plugin,
+            (true, true, _) => Self::Leaf,
+            (true, _, true) => Self::Daemon,
+            _ => Self::Elsewhere,
+        }
+    }
+}
+
+/// A fiber that runs on some thread: what the handler needs to end it.
+pub(super) struct Armed {
+    handler: CoroutineTrapHandler<()>,
+    stack_low: usize,
+    pulse: Arc<Pulse>,
+    relay: Option<&'static Relay<Armed>>,
+    trap: Cell<Option<Trap>>,
+}
+
+impl Armed {
+    /// Of the fiber of that handler, with the lower end of its stack, and what belongs to its executor.
+    pub(super) const fn new(
+        handler: CoroutineTrapHandler<()>,
+        stack_low: usize,
+        pulse: Arc<Pulse>,
+        relay: Option<&'static Relay<Self>>,
+    ) -> Self {
+        Self { handler, stack_low, pulse, relay, trap: Cell::new(None) }
+    }
+
+    /// Says that the fiber runs on this thread from now on and must return until then. Fibers do not nest.
+    pub(super) fn arm(&self, deadline_ns: u64) {
+        handlers::forget();
+        ARMED.set(self);
+        self.pulse.begin(deadline_ns);
+    }
+
+    /// Says that the fiber returned. Thread-locals are not touched: the thread may be another one than before.
+    pub(super) fn disarm(&self) {
+        self.pulse.end();
+    }
+
+    /// The trap that ended it.
+    pub(super) fn take_trap(&self) -> Option<Trap> {
+        self.trap.take()
+    }
+
+    /// Takes the executor over from the thread that was given up: goes on where it waits for this fiber.
+    ///
+    /// # Safety
+    /// The fiber must have been passed by the thread that ran it, which never touches it again.
+    pub(super) unsafe fn take_over(&self) -> ! {
+        ARMED.set(self);
+        self.pulse.move_to(thread::id());
+        // SAFETY: the fiber waits for its end; its thread is gone (the caller's promise).
+        unsafe { arch::continue_at(&self.handler.setup_trap_handler(|| ())) }
+    }
+
+    /// True where plugin code runs: on the fiber's stack, or on one that it brought along or lost its way to.
+    fn holds(&self, pc: usize, sp: usize) -> bool {
+        self.pulse.is_beating() && (self.handler.stack_ptr_in_bounds(sp) || text::is_plugin(pc))
+    }
+
+    fn guard(&self) -> std::ops::Range<usize> {
+        self.stack_low..self.stack_low + GUARD_BYTES
+    }
+
+    /// Where the interrupted function returns to, if it has no frame.
+    fn caller(&self, context: &libc::ucontext_t) -> usize {
+        let (_, sp) = arch::position(context);
+        if sp < self.guard().end || !self.handler.stack_ptr_in_bounds(sp) {
+            return 0;
+        }
+        // SAFETY: above its guard the fiber's stack is mapped.
+        unsafe { arch::return_address(context) }
+    }
+
+    /// The link register and the top of the stack, as far as they can be read.
+    fn top(&self, context: &libc::ucontext_t) -> [u64; STACK_WORDS] {
+        let (mut words, (_, sp), link) = ([0; STACK_WORDS], arch::position(context), arch::link(context));
+        words[0] = link.unwrap_or_default();
+        let sound = sp.is_multiple_of(size_of::<u64>()) && sp >= self.guard().end;
+        let is_mapped = |place: usize| {
+            sound
+                && self.handler.stack_ptr_in_bounds(place)
+                && self.handler.stack_ptr_in_bounds(place + size_of::<u64>())
+        };
+        let places = (sp..).step_by(size_of::<u64>()).take_while(|place| is_mapped(*place));
+        for (word, place) in words[usize::from(link.is_some())..].iter_mut().zip(places) {
+            // SAFETY: the word lies between the guard page and the upper end of a stack that is mapped, and its fiber is
+            // interrupted.
+            *word = unsafe { std::ptr::with_exposed_provenance::<u64>(place).read() };
+        }
+        words
+    }
+
+    fn site(&self, address: usize, context: &libc::ucontext_t) -> Site {
+        Site::of(address, arch::position(context).0, self.caller(context))
+    }
+
+    /// Ends the fiber where no lock can be held, the thread elsewhere.
+    fn end(&self, mut trap: Trap, context: &mut libc::ucontext_t) {
+        let here = trap.site != Site::Elsewhere;
+        handlers::forget();
+        match self.relay.filter(|_| !here) {
+            None => {
+                self.trap.set(Some(trap));
+                self.pulse.end();
+                // SAFETY: the interrupted stack pointer lies in this fiber, which is alive: it is armed only while it
+                // runs. All registers that the trap handler names are set, and the handler returns.
+                let end = unsafe { self.handler.setup_trap_handler(|| ()) };
+                arch::redirect(context, &end);
+            }
+            Some(relay) => {
+                trap.thread_lost = true;
+                self.trap.set(Some(trap));
+                self.pulse.end();
+                THREADS_LOST.fetch_add(1, Ordering::Relaxed);
+                heap::abandon_thread();
+                // Where not even a place is left for it, the executor ends with its thread.
+                relay.pass(std::ptr::from_ref(self).cast_mut());
+                arch::exit_thread();
+            }
+        }
+    }
+}
+
+/// Why one of our own functions struck.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Raised {
+    Nothing,
+    Abort,
+    Exit,
+    /// A check of the heap failed.
+    Check,
+}
+
+thread_local! {
+    // `const` and without destructor: the handler may read them at any moment.
+    static ARMED: Cell<*const Armed> = const { Cell::new(std::ptr::null()) };
+    static RAISED: Cell<Raised> = const { Cell::new(Raised::Nothing) };
+}
+
+static THREADS_LOST: AtomicU64 = AtomicU64::new(0);
 
 /// Bytes above the lower end of a stack that count as its guard: one page.
 const GUARD_BYTES: usize = 4096;
 
-/// Says that the fiber runs on this thread from now on. Fibers do not nest.
-pub(super) fn arm(fiber: &Armed) {
-    ARMED.set(fiber);
-}
-
-/// Says that the fiber returned.
-pub(super) fn disarm() {
-    ARMED.set(std::ptr::null());
-}
-
-/// The trap that ended a fiber of this thread since the last call.
+/// Threads that were given up so far. Each leaves the memory of its stack behind.
 #[must_use]
-pub fn take() -> Option<Trap> {
-    TRAP.take()
+pub fn threads_lost() -> u64 {
+    THREADS_LOST.load(Ordering::Relaxed)
 }
 
-/// True while plugin code runs on this thread.
+/// True while plugin code runs on a fiber of this thread.
 #[must_use]
+#[inline(never)]
 pub fn on_fiber() -> bool {
-    !ARMED.get().is_null()
+    armed().is_some_and(|armed| armed.pulse.is_beating())
 }
 
-/// Sends SIGABRT to this thread; returns only where nobody handles it.
+fn armed() -> Option<&'static Armed> {
+    // SAFETY: a fiber outlives its armed time; afterwards the pulse, shared by all fibers of the executor, says that
+    // nothing runs.
+    unsafe { ARMED.get().as_ref() }
+}
+
+/// Ends what runs on this thread as `abort` does: on a fiber the fiber; elsewhere by SIGABRT, and returns only where nobody
+/// handles it.
 pub fn raise_abort() {
-    // SAFETY: the set is initialised by `sigemptyset`; the system calls take no other memory and are directed at this
-    // thread. It is unblocked first: a plugin may have masked it.
+    strike_fiber(Raised::Abort);
+    // SAFETY: the set is initialised by `sigemptyset`; the calls take no other memory and are directed at this thread. It
+    // is unblocked first: a plugin may have masked it.
     unsafe {
         let mut set: libc::sigset_t = std::mem::zeroed();
         libc::sigemptyset(&raw mut set);
         libc::sigaddset(&raw mut set, libc::SIGABRT);
         libc::pthread_sigmask(libc::SIG_UNBLOCK, &raw const set, std::ptr::null_mut());
-        libc::syscall(libc::SYS_tgkill, libc::getpid(), libc::gettid(), libc::SIGABRT);
+        libc::raise(libc::SIGABRT);
+    }
+}
+
+/// Ends the fiber of this thread, if one runs, because its component has damaged the heap.
+pub fn raise_check() {
+    strike_fiber(Raised::Check);
+}
+
+fn strike_fiber(raised: Raised) {
+    if on_fiber() || handlers::is_here() {
+        RAISED.set(raised);
+        arch::strike();
     }
 }
 
 /// Ends the fiber of this thread because its component called `exit`.
 pub fn raise_exit() {
-    EXITING.set(true);
-    raise_abort();
+    RAISED.set(Raised::Exit);
+    arch::strike();
 }
-
-static PREVIOUS: [AtomicPtr<libc::sigaction>; SIGNALS.len()] =
-    [const { AtomicPtr::new(std::ptr::null_mut()) }; SIGNALS.len()];
 
 /// Takes the fatal signals over from whoever had them, once in a process.
 pub fn install() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
-        for (index, signal) in SIGNALS.into_iter().enumerate() {
-            install_one(index, signal);
-        }
+        text::install();
+        leaf::install();
+        heap::install();
+        SIGNALS.into_iter().for_each(|signal| set_handler(signal, handle));
+        set_handler(watchdog_signal(), time_out);
     });
 }
 
-fn install_one(index: usize, signal: i32) {
-    // SAFETY: an all-zero `sigaction` is valid; `sigaction` reads the new and fills the old one; the handler has the
-    // signature that SA_SIGINFO asks for. Leaking the old one keeps it valid for the handler for ever.
+type Handler = extern "C" fn(i32, *mut libc::siginfo_t, *mut libc::c_void);
+
+fn set_handler(signal: i32, handler: Handler) {
+    // SAFETY: an all-zero `sigaction` is valid; the handler has the signature that SA_SIGINFO asks for.
     unsafe {
         let mut new: libc::sigaction = std::mem::zeroed();
-        new.sa_sigaction = handle as extern "C" fn(i32, *mut libc::siginfo_t, *mut libc::c_void) as usize;
-        // No SA_NODEFER: a second trap of this kind inside the handler ends the process instead of recursing.
-        new.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK;
-        let old = Box::leak(Box::new(std::mem::zeroed::<libc::sigaction>()));
-        libc::sigaction(signal, &raw const new, std::ptr::from_mut(old));
-        PREVIOUS[index].store(old, Ordering::Release);
+        new.sa_sigaction = handler as usize;
+        // No SA_NODEFER: a second trap of this kind inside the handler ends the process instead of recursing. SA_RESTART
+        // for a watchdog's signal that comes too late to matter.
+        new.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART;
+        // Nobody else's handler in the middle of it.
+        libc::sigfillset(&raw mut new.sa_mask);
+        SIGNALS.into_iter().for_each(|signal| _ = libc::sigdelset(&raw mut new.sa_mask, signal));
+        libc::sigaction(signal, &raw const new, std::ptr::null_mut());
     }
 }
 
@@ -125,103 +329,96 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     let at_ns = clock::now_ns();
     // SAFETY: the kernel passes valid pointers for the time of the call (SA_SIGINFO).
     let (info, context) = unsafe { (&mut *info, &mut *context.cast::<libc::ucontext_t>()) };
-    let (pc, sp) = registers::position(context);
-    // SAFETY: a fiber is armed only while it runs, borrowed by this very thread.
-    let armed = unsafe { ARMED.get().as_ref() };
+    let (pc, sp) = arch::position(context);
+    let verdict = fence::judge(info, context);
+    if verdict == Some(Verdict::Answered) {
+        return;
+    }
     let sent = is_sent(info);
-    let Some(armed) = armed.filter(|armed| armed.handler.stack_ptr_in_bounds(sp) && sent != Some(false)) else {
-        return if sent.is_some() { end_by(signal) } else { chain(signal, info, context) };
+    let raised = RAISED.replace(Raised::Nothing);
+    let signal = if raised == Raised::Nothing { signal } else { libc::SIGABRT };
+    // SAFETY: all of these signals but SIGABRT carry an address where an instruction caused them.
+    let address = if signal == libc::SIGABRT || sent.is_some() { 0 } else { unsafe { info.si_addr() }.addr() };
+    let mut trap = Trap::new(evidence(signal, info.si_code, address, context), at_ns);
+    trap.asked = raised == Raised::Abort || verdict.is_some();
+    trap.exited = raised == Raised::Exit || verdict == Some(Verdict::Leaves);
+    // A copy of this process that a plugin made is no business of ours, nor is a signal from outside.
+    let is_guest = sent != Some(false) && !shield::is_copy();
+    if is_guest && handlers::is_here() {
+        let here = Trap { site: Site::of(address, pc, 0), ..trap };
+        if handlers::struck(here, context) {
+            return;
+        }
+    }
+    if let Some(armed) = armed().filter(|armed| is_guest && armed.holds(pc, sp)) {
+        // The function that makes any system call holds no lock.
+        trap.site = if verdict.is_some() { Site::Leaf } else { armed.site(address, context) };
+        trap.evidence.stack = armed.top(context);
+        trap.stack_overflow = signal == libc::SIGSEGV && armed.guard().contains(&address);
+        return armed.end(trap, context);
+    }
+    if is_guest {
+        foreign::struck(trap, context);
+    }
+    // A copy of this process has no motors.
+    if !shield::is_copy() {
+        last_words::speak(&Death { end: End::Crash, signal, address, pc, sender: sent.map(|_| sender(info)) });
+    }
+    shield::stand_down();
+    end_by(signal);
+}
+
+/// What a signal frame tells.
+fn evidence(signal: i32, code: i32, address: usize, context: &libc::ucontext_t) -> TrapEvidence {
+    let (pc, sp) = arch::position(context);
+    let registers = arch::registers(context);
+    TrapEvidence { code, sp: sp as u64, registers, ..TrapEvidence::new(signal, address as u64, pc as u64) }
+}
+
+/// The watchdog's signal: the callback that runs on this thread, if it is still the one that is late.
+extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc::c_void) {
+    // SAFETY: the kernel passes a valid pointer for the time of the call.
+    let context = unsafe { &mut *context.cast::<libc::ucontext_t>() };
+    let (pc, sp) = arch::position(context);
+    let Some(armed) = armed().filter(|armed| armed.holds(pc, sp)) else { return };
+    let Some(at_ns) = armed.pulse.deadline_ns().filter(|deadline| *deadline <= clock::now_ns()) else { return };
+    let site = armed.site(0, context);
+    // In the daemon's own function, or in the allocator of a component that is in and out of it: another moment is better.
+    // A component that waits inside the C library will not leave it.
+    let enough = match site {
+        Site::Daemon => HANG_ATTEMPTS_IN_DAEMON,
+        Site::Elsewhere if !arch::waits(context) => HANG_ATTEMPTS,
+        _ => 0,
     };
-    // SAFETY: all of these signals but SIGABRT carry an address.
-    let address = if signal == libc::SIGABRT { 0 } else { unsafe { info.si_addr() }.addr() };
-    let guard = armed.stack_low..armed.stack_low + GUARD_BYTES;
-    TRAP.set(Some(Trap {
-        evidence: TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 },
-        stack_overflow: signal == libc::SIGSEGV && guard.contains(&address),
-        exited: EXITING.replace(false),
-        at_ns,
-    }));
-    // SAFETY: the interrupted stack pointer lies in this fiber, which is alive: it is armed only while it runs. All
-    // registers that the trap handler names are set, and the handler returns.
-    unsafe { registers::redirect(context, &armed.handler.setup_trap_handler(|| ())) };
+    if armed.pulse.attempt() < enough {
+        return;
+    }
+    armed.pulse.forget_attempts();
+    // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
+    let site = if site == Site::Daemon { Site::Elsewhere } else { site };
+    let evidence = TrapEvidence { stack: armed.top(context), ..evidence(signal, 0, 0, context) };
+    armed.end(Trap { site, hang: true, ..Trap::new(evidence, at_ns) }, context);
 }
 
 /// Some when the signal was sent and not caused by an instruction; true when this process sent it to itself (`abort`).
 fn is_sent(info: &libc::siginfo_t) -> Option<bool> {
-    // SAFETY: a signal that was sent carries its sender.
-    (info.si_code <= 0).then(|| unsafe { info.si_pid() == libc::getpid() })
+    // SAFETY: a system call without arguments.
+    (info.si_code <= 0).then(|| sender(info) == unsafe { libc::getpid() })
 }
 
-/// The process ends by this signal, as its supervisor expects. (The standard library's handler, to which a trap would be
-/// handed on, expects the instruction to fault again; a signal that was sent does not.)
+fn sender(info: &libc::siginfo_t) -> i32 {
+    // SAFETY: asked only of a signal that was sent, which carries its sender.
+    unsafe { info.si_pid() }
+}
+
+/// The process ends by this signal, as its supervisor expects. Not by the standard library's handler: it writes to a stderr
+/// that nobody may read.
 fn end_by(signal: i32) {
     // SAFETY: the default action is restored; the signal is blocked while its handler runs and ends the process when that
     // returns.
     unsafe {
         libc::signal(signal, libc::SIG_DFL);
         libc::raise(signal);
-    }
-}
-
-/// Not ours: the previous handler's turn, or the default: the process ends by this signal.
-fn chain(signal: i32, info: &mut libc::siginfo_t, context: &mut libc::ucontext_t) {
-    let index = SIGNALS.iter().position(|known| *known == signal).unwrap_or(0);
-    // SAFETY: `install_one` stored a leaked, initialised `sigaction` or nothing.
-    let previous = unsafe { PREVIOUS[index].load(Ordering::Acquire).as_ref() };
-    match previous {
-        Some(old) if old.sa_sigaction > libc::SIG_IGN && old.sa_flags & libc::SA_SIGINFO != 0 => {
-            // SAFETY: with SA_SIGINFO the field holds a function of this signature.
-            let call: extern "C" fn(i32, *mut libc::siginfo_t, *mut libc::c_void) =
-                unsafe { std::mem::transmute(old.sa_sigaction) };
-            call(signal, info, std::ptr::from_mut(context).cast());
-        }
-        _ => end_by(signal),
-    }
-}
-
-/// All that depends on the processor.
-#[cfg(target_arch = "x86_64")]
-mod registers {
-    use corosensei::trap::TrapHandlerRegs;
-
-    /// Program counter and stack pointer.
-    pub(super) fn position(context: &libc::ucontext_t) -> (usize, usize) {
-        let registers = &context.uc_mcontext.gregs;
-        (registers[libc::REG_RIP as usize] as usize, registers[libc::REG_RSP as usize] as usize)
-    }
-
-    /// Sets the registers that the trap handler names.
-    pub(super) fn redirect(context: &mut libc::ucontext_t, to: &TrapHandlerRegs) {
-        let registers = &mut context.uc_mcontext.gregs;
-        registers[libc::REG_RIP as usize] = to.rip as i64;
-        registers[libc::REG_RSP as usize] = to.rsp as i64;
-        registers[libc::REG_RBP as usize] = to.rbp as i64;
-        registers[libc::REG_RDI as usize] = to.rdi as i64;
-        registers[libc::REG_RSI as usize] = to.rsi as i64;
-        // The plugin may have left the direction or alignment-check flag set.
-        registers[libc::REG_EFL as usize] &= !0x4_0400;
-    }
-}
-
-/// All that depends on the processor.
-#[cfg(target_arch = "aarch64")]
-mod registers {
-    use corosensei::trap::TrapHandlerRegs;
-
-    /// Program counter and stack pointer.
-    pub(super) fn position(context: &libc::ucontext_t) -> (usize, usize) {
-        (context.uc_mcontext.pc as usize, context.uc_mcontext.sp as usize)
-    }
-
-    /// Sets the registers that the trap handler names.
-    pub(super) fn redirect(context: &mut libc::ucontext_t, to: &TrapHandlerRegs) {
-        let registers = &mut context.uc_mcontext;
-        registers.pc = to.pc;
-        registers.sp = to.sp;
-        registers.regs[0] = to.x0;
-        registers.regs[1] = to.x1;
-        registers.regs[29] = to.x29;
-        registers.regs[30] = to.lr;
     }
 }
 
@@ -236,12 +433,14 @@ mod tests {
         if depth == 0 { 0 } else { deep(depth + 1) + frame[3] }
     }
 
+    use crate::sys::fiber::NEVER;
+
     fn trapped(mut closure: impl FnMut()) -> super::Trap {
         super::install();
         let _stack = SignalStack::new();
         let mut fiber = Fiber::new(64 << 10).unwrap();
-        assert_eq!(fiber.run(&mut closure), Ended::Trapped);
-        super::take().expect("the handler tells what it saw")
+        assert_eq!(fiber.run(NEVER, &mut closure), Ended::Trapped);
+        fiber.take_trap().expect("the handler tells what it saw")
     }
 
     #[test]

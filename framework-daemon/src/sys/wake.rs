@@ -2,11 +2,8 @@
 //!
 //! A futex with an absolute deadline. A channel's blocking `recv` was measured first: crossbeam's yields four times
 //! before it parks, and beside any runnable thread its p99 is milliseconds.
-#![allow(unsafe_code, reason = "address of unsafe: the futex system call")]
 
-use std::sync::atomic::{AtomicU32, Ordering};
-
-use super::clock;
+use super::futex::{self, AtomicU32, Ordering};
 
 /// Nobody waits, nothing happened.
 const IDLE: u32 = 0;
@@ -23,36 +20,17 @@ impl Waker {
     /// Wakes the waiting thread, or makes its next wait return at once.
     pub fn wake(&self) {
         if self.0.swap(WOKEN, Ordering::AcqRel) == WAITING {
-            self.futex(libc::FUTEX_WAKE, 1, std::ptr::null(), 0);
+            futex::wake_one(&self.0);
         }
     }
 
     /// Waits until `deadline_ns` on the monotonic clock (for ever without one) or until woken.
     pub fn wait_until(&self, deadline_ns: Option<u64>) {
         if self.0.compare_exchange(IDLE, WAITING, Ordering::AcqRel, Ordering::Acquire).is_ok() {
-            let deadline = deadline_ns.map(clock::timespec);
-            let deadline = deadline.as_ref().map_or(std::ptr::null(), std::ptr::from_ref);
-            // Absolute: no drift by the time between the clock's reading and the call.
-            self.futex(libc::FUTEX_WAIT_BITSET, WAITING, deadline, libc::FUTEX_BITSET_MATCH_ANY);
+            futex::wait(&self.0, WAITING, deadline_ns);
         }
         // Also acquires what a waker published in the moment between time-out and here.
         self.0.swap(IDLE, Ordering::AcqRel);
-    }
-
-    fn futex(&self, operation: i32, value: u32, deadline: *const libc::timespec, bitset: i32) {
-        // SAFETY: the word outlives the call (`&self`), the deadline is null or points to a live timespec, and the
-        // unused second address is null. Every error (woken, timed out, value changed) means: look again.
-        unsafe {
-            libc::syscall(
-                libc::SYS_futex,
-                self.0.as_ptr(),
-                operation | libc::FUTEX_PRIVATE_FLAG,
-                value,
-                deadline,
-                std::ptr::null::<u32>(),
-                bitset,
-            );
-        }
     }
 }
 
@@ -60,6 +38,7 @@ impl Waker {
 mod tests {
     use std::sync::Arc;
 
+    use super::super::clock;
     use super::*;
 
     #[test]

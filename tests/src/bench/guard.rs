@@ -1,37 +1,90 @@
-//! What a guarded call costs: a closure on a fiber against the same closure by a bare indirect call.
+//! What a guarded call costs: a closure on a fiber, and a component's callback as executors enter it, each against the same
+//! by a bare indirect call.
 
 use std::hint::black_box;
 use std::time::Instant;
 
-use framework_daemon::sys::fiber::Fiber;
+use component_sdk::abi::class::{CallArgs, FaultArgs, Hook};
+use framework_daemon::exec::callback::{self, Call};
+use framework_daemon::exec::slot::{Slot, Status};
+use framework_daemon::exec::unit::{Limits, Recipe, Source, Unit};
+use framework_daemon::plugin::Plugin;
+use framework_daemon::port::border::HOST;
+use framework_daemon::sys::clock;
+use framework_daemon::sys::fiber::{Fiber, FiberPool, NEVER};
 
 use super::stats::Samples;
+use crate::profiles::plugin_dir;
 
 /// Calls in one sample: a single one is shorter than the clock's own cost.
 const BATCH: u32 = 1000;
+const STACK: usize = 64 << 10;
 
 /// Nanoseconds a call, on a fiber and bare.
 ///
 /// # Panics
 /// When there is no address space for a stack.
 #[must_use]
-pub fn measure(samples: usize) -> (Samples, Samples) {
-    let (mut guarded, mut bare) = (Samples::default(), Samples::default());
-    let mut fiber = Fiber::new(64 << 10).expect("address space for one stack");
+pub fn fiber(samples: usize) -> (Samples, Samples) {
+    let mut fiber = Fiber::new(STACK).expect("address space for one stack");
     let mut count = 0u64;
     let mut closure = || count = black_box(count + 1);
-    for _ in 0..samples {
-        let began = Instant::now();
-        for _ in 0..BATCH {
-            black_box(fiber.run(black_box(&mut closure)));
-        }
-        guarded.add(began.elapsed().as_nanos() as u64 / u64::from(BATCH));
-        let began = Instant::now();
-        for _ in 0..BATCH {
-            let call: &mut dyn FnMut() = black_box(&mut closure);
+    let mut bare_count = 0u64;
+    let mut bare = || bare_count = black_box(bare_count + 1);
+    interleaved(
+        samples,
+        || _ = black_box(fiber.run(NEVER, black_box(&mut closure))),
+        || {
+            let call: &mut dyn FnMut() = black_box(&mut bare);
             call();
-        }
-        bare.add(began.elapsed().as_nanos() as u64 / u64::from(BATCH));
+        },
+    )
+}
+
+/// Nanoseconds a callback of a component that does nothing: as executors enter it, and by its shim alone. Both read the clock
+/// once, for the callback is told the time.
+///
+/// # Panics
+/// When the plugin of the basic components is not there.
+#[must_use]
+pub fn callback(samples: usize) -> (Samples, Samples) {
+    let mut fibers = FiberPool::default();
+    let (mut guarded, mut bare) = (idle_unit(&mut fibers), idle_unit(&mut fibers));
+    interleaved(
+        samples,
+        || _ = black_box(callback::enter(&mut fibers, "bench", &mut guarded, Call::plain(Hook::Execute))),
+        || {
+            let args = CallArgs { hook: Hook::Execute, inject: 0, now_ns: clock::now_ns(), fault: FaultArgs::NONE };
+            black_box(bare.instance.enter(black_box(&args)));
+        },
+    )
+}
+
+/// A component whose `on_execute` does next to nothing.
+fn idle_unit(fibers: &mut FiberPool) -> Unit {
+    let plugin = Plugin::load(&plugin_dir().join("libbasic.so"), &HOST).expect("the plugin is built");
+    let class = plugin.class("Diary").expect("the plugin has it");
+    let limits = Limits { stack_bytes: STACK, budget_ns: None, hang_ns: 1_000_000_000 };
+    let source = Source::Loaded(class);
+    let recipe = Recipe { number: 0, class_name: "Diary", source, properties: Vec::new(), limits };
+    let slot = Slot { name: "bench", inputs: Vec::new(), outputs: Vec::new(), status: Status::new(vec!["Diary"]) };
+    let parts = recipe.gather(&slot).expect("it has no ports");
+    callback::create(fibers, "bench", parts).expect("it has no constructor of its own")
+}
+
+fn interleaved(samples: usize, mut own: impl FnMut(), mut bare: impl FnMut()) -> (Samples, Samples) {
+    let (mut guarded, mut limit) = (Samples::default(), Samples::default());
+    for _ in 0..samples {
+        guarded.add(each(&mut own));
+        limit.add(each(&mut bare));
     }
-    (guarded, bare)
+    (guarded, limit)
+}
+
+fn each(call: &mut impl FnMut()) -> u64 {
+    let began = Instant::now();
+    for _ in 0..BATCH {
+        call();
+    }
+    began.elapsed().as_nanos() as u64 / u64::from(BATCH)
 }

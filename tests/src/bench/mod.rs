@@ -1,11 +1,32 @@
 //! Benchmarks of the running system, each with its raw limit measured in the same run, interleaved: the machine is noisy,
 //! ratios are not.
 
-/// Recovery from provoked faults, through a real executor.
+/// Recovery from provoked faults.
 pub mod recovery;
+
+/// Recovery from callbacks that do not return.
+pub mod hang;
+
+/// What both are measured on.
+pub mod system;
+
+/// Busy cores.
+pub mod load;
 
 /// What a guarded call costs.
 pub mod guard;
 
+/// A supervisor of another school, beside ours.
+pub mod erlang;
+
+/// What the system can do at best.
+pub mod limits;
+
+/// A thread that measures limits.
+pub mod yardstick;
+
 /// Percentiles and the printed form.
 pub mod stats;
+
+/// Ratios and targets, for people.
+pub mod report;

@@ -1,32 +1,144 @@
 //! Runs benchmarks and prints one JSON object a line; see `scripts/bench`.
 
-use std::io::Write;
+use std::io::{self, BufRead, Write};
+use std::path::PathBuf;
 
-use tests::bench::recovery::Load;
-use tests::bench::{guard, recovery, stats};
+use clap::Parser;
+use serde_json::Value;
+use tests::bench::load::Load;
+use tests::bench::stats::Setting;
+use tests::bench::system::Payload;
+use tests::bench::{erlang, guard, hang, recovery, report};
 
-const FAULTS: usize = 10_000;
+/// As in the daemon.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-fn main() -> std::io::Result<()> {
-    let wanted: Vec<String> = std::env::args().skip(1).collect();
-    let is_wanted = |name: &str| wanted.is_empty() || wanted.iter().any(|asked| asked == name);
+/// Benchmarks, each with its raw limit measured in the same run.
+#[derive(Parser)]
+struct Arguments {
+    /// Which ones; all without any.
+    #[arg(value_parser = NAMES)]
+    names: Vec<String>,
+    /// Faults of each kind.
+    #[arg(long, default_value_t = 10_000)]
+    faults: usize,
+    /// Only under this load.
+    #[arg(long, value_parser = ["idle", "cpu100"])]
+    load: Option<String>,
+    /// Only under this policy.
+    #[arg(long, value_parser = ["other", "fifo"])]
+    sched: Option<String>,
+    /// A table of ratios and targets instead of JSON.
+    #[arg(long)]
+    report: bool,
+    /// The table of an earlier run's JSON.
+    #[arg(long, value_name = "FILE")]
+    from: Option<PathBuf>,
+}
+
+const NAMES: [&str; 5] = ["guard_cost", "trap_recovery", "panic_recovery", "hang_recovery", "erlang_supervisor"];
+/// What takes the place of what failed.
+const PAYLOADS: [Payload; 2] = [Payload::Spare, Payload::Fresh];
+/// Threads that keep all cores busy.
+const LOADS: [(&str, usize); 2] = [("idle", 0), ("cpu100", 4)];
+const SCHEDS: [&str; 2] = ["other", "fifo"];
+
+fn main() -> io::Result<()> {
+    let arguments = Arguments::parse();
+    if let Some(file) = &arguments.from {
+        let lines: io::Result<Vec<String>> = io::BufReader::new(std::fs::File::open(file)?).lines().collect();
+        let lines: Vec<Value> = lines?.iter().filter_map(|line| serde_json::from_str(line).ok()).collect();
+        return writeln!(io::stdout(), "{}", report::table(&lines));
+    }
     // The bare panics are not to be told.
     std::panic::set_hook(Box::new(|_| {}));
-    let mut out = std::io::stdout().lock();
-    if is_wanted("guard_cost") {
-        let (mut own, mut limit) = guard::measure(1000);
-        writeln!(out, "{}", stats::line("guard_cost", "none", "idle", "other", &mut own, &mut limit))?;
-    }
-    for (bench, symptom) in [("trap_recovery", "crash.segv"), ("panic_recovery", "crash.panic")] {
-        for (load, threads) in [("idle", 0), ("cpu100", 4)] {
-            for sched in ["other", "fifo"] {
-                if is_wanted(bench) {
-                    let _load = Load::start(threads);
-                    let (mut own, mut limit) = recovery::measure(symptom, sched, FAULTS);
-                    writeln!(out, "{}", stats::line(bench, "fresh instance", load, sched, &mut own, &mut limit))?;
-                }
+    let mut run = Run { arguments, lines: Vec::new() };
+    run.guard_cost()?;
+    for (load, threads) in LOADS {
+        for sched in SCHEDS {
+            if run.is_asked(load, sched) {
+                let _load = Load::start(threads);
+                run.recoveries(load, sched)?;
+                run.erlang(load, sched)?;
             }
         }
     }
+    if run.arguments.report {
+        writeln!(io::stdout(), "{}", report::table(&run.lines))?;
+    }
     Ok(())
+}
+
+struct Run {
+    arguments: Arguments,
+    lines: Vec<Value>,
+}
+
+impl Run {
+    fn is_wanted(&self, name: &str) -> bool {
+        self.arguments.names.is_empty() || self.arguments.names.iter().any(|asked| asked == name)
+    }
+
+    fn is_asked(&self, load: &str, sched: &str) -> bool {
+        let fits = |asked: &Option<String>, name: &str| asked.as_deref().is_none_or(|asked| asked == name);
+        fits(&self.arguments.load, load) && fits(&self.arguments.sched, sched)
+    }
+
+    fn guard_cost(&mut self) -> io::Result<()> {
+        if !self.is_wanted("guard_cost") {
+            return Ok(());
+        }
+        for (payload, measure) in [("fiber", guard::fiber as fn(usize) -> _), ("callback", guard::callback)] {
+            let (mut own, mut limit) = measure(1000);
+            let setting = Setting { bench: "guard_cost", payload, load: "idle", sched: "other" };
+            self.tell(setting.line(&mut own, Some(&mut limit)))?;
+        }
+        Ok(())
+    }
+
+    fn recoveries(&mut self, load: &str, sched: &str) -> io::Result<()> {
+        let faults = self.arguments.faults;
+        for payload in PAYLOADS {
+            for (bench, symptom) in
+                [("trap_recovery", "crash.segv"), ("panic_recovery", "crash.panic"), ("hang_recovery", "hang")]
+            {
+                if self.is_wanted(bench) {
+                    let (mut own, mut limit) = match symptom {
+                        "hang" => hang::measure(payload, sched, faults),
+                        _ => recovery::measure(symptom, payload, sched, faults),
+                    };
+                    let setting = Setting { bench, payload: payload.name(), load, sched };
+                    let mut line = setting.line(&mut own.first_callback, Some(&mut limit));
+                    line["steps_p50_ns"] = own.medians();
+                    self.tell(line)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn erlang(&mut self, load: &str, sched: &str) -> io::Result<()> {
+        if !self.is_wanted("erlang_supervisor") {
+            return Ok(());
+        }
+        match erlang::measure(sched, self.arguments.faults) {
+            Ok(mut samples) => {
+                let setting = Setting { bench: "erlang_supervisor", payload: "process", load, sched };
+                self.tell(setting.line(&mut samples, None))
+            }
+            Err(reason) => writeln!(io::stderr(), "erlang_supervisor {load} {sched}: left out: {reason}"),
+        }
+    }
+
+    fn tell(&mut self, line: Value) -> io::Result<()> {
+        if self.arguments.report {
+            let [bench, payload, load, sched] = ["bench", "payload", "load", "sched"].map(|key| &line[key]);
+            writeln!(io::stderr(), "{bench} {payload} {load} {sched}")?;
+        } else {
+            writeln!(io::stdout(), "{line}")?;
+        }
+        self.lines.push(line);
+        Ok(())
+    }
 }

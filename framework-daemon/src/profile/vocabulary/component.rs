@@ -115,11 +115,23 @@ pub static EXECUTION_SEMANTICS: ElementRule = ElementRule::parent(
             Optional,
             &ElementRule::text("instance_creation", CREATION, "The same as creation_type, in the editor's spelling."),
         ),
-        (Optional, &ElementRule::value("deadline", Kind::Duration, "Budget of one callback.")),
+        (Optional, &DEADLINE),
         (Optional, &ElementRule::value("stack", Kind::Bytes, "Stack of one callback, 64KiB to 1GiB; default 1MiB.")),
     ],
     "When and how the callbacks run.",
 );
+
+static DEADLINE: ElementRule = ElementRule {
+    name: "deadline",
+    about: "How long on_execute may take: beyond it overrun. Without one a callback hangs after 1 s.",
+    attributes: &[optional(
+        "hang",
+        Kind::Duration,
+        "Beyond it the callback hangs and is ended; default: twice the deadline.",
+    )],
+    children: &[],
+    content: Content::Value(Kind::Duration),
+};
 
 static PROPERTY: ElementRule = ElementRule {
     name: "property",

@@ -14,7 +14,7 @@ pub struct Doomed {
     /// In which callback.
     #[property(default = "none")]
     hook: String,
-    /// `panic`, `segv`, `error`.
+    /// `panic`, `segv`, `wild`, `copy`, `check`, `sleep`, `error`.
     #[property(default = "panic")]
     how: String,
     /// Fails in its third `on_execute` first, so that the callbacks after a fault are reached.
@@ -35,6 +35,30 @@ fn fail(how: &str) -> Outcome {
         "segv" => {
             // SAFETY: none; the write faults, which is its purpose.
             unsafe { std::hint::black_box(24 as *mut u32).write_volatile(1) };
+            Ok(())
+        }
+        "wild" => {
+            // SAFETY: none; the write faults, which is its purpose: user space ends below.
+            unsafe { std::hint::black_box(0x7fff_ffff_f000 as *mut u32).write_volatile(1) };
+            Ok(())
+        }
+        "copy" => {
+            let mut into = vec![0u8; std::hint::black_box(4096)];
+            // SAFETY: none; the C library's copy faults, which is its purpose.
+            unsafe { std::hint::black_box(24 as *const u8).copy_to(into.as_mut_ptr(), into.len()) };
+            Err(fault!("copied {}", into[0]))
+        }
+        "check" => {
+            unsafe extern "C" {
+                fn free(address: *mut u8);
+            }
+            let mut block = vec![0u64; 64];
+            // SAFETY: none; no block begins there, which the C library's heap finds out.
+            unsafe { free(std::hint::black_box(block.as_mut_ptr().cast::<u8>().add(24))) };
+            Ok(())
+        }
+        "sleep" => {
+            std::thread::sleep(std::time::Duration::from_secs(3600));
             Ok(())
         }
         _ => Err(fault!("doomed")),
@@ -192,4 +216,70 @@ impl Callbacks for Keeper {
     }
 }
 
-export_components!(Doomed, Stillborn, Heir, Keeper);
+/// Does not return from each tenth `on_execute`, in one of several ways; or traps inside the C library.
+#[derive(Component)]
+#[component(name = "Stuck", version = "1.0", periodic = "2ms")]
+pub struct Stuck {
+    /// `spin`, `sleep`, `malloc`, `lock`, `read`, `slow`, `memcpy`, `corrupt`, `free`.
+    #[property(default = "spin")]
+    how: String,
+    cycles: u64,
+}
+
+impl Callbacks for Stuck {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.cycles += 1;
+        if self.cycles.is_multiple_of(10) {
+            stick(&self.how);
+        }
+        Ok(())
+    }
+}
+
+#[allow(clippy::empty_loop, reason = "a hang on purpose")]
+fn stick(how: &str) {
+    use std::hint::black_box;
+    match how {
+        "spin" => loop {},
+        "sleep" => std::thread::sleep(std::time::Duration::from_secs(3600)),
+        "malloc" => loop {
+            black_box(vec![black_box(1u8); 100]);
+        },
+        "lock" => {
+            let lock = std::sync::Mutex::new(());
+            let _first = lock.lock();
+            let _second = lock.lock();
+        }
+        "read" => {
+            let (mut reader, _writer) = std::io::pipe().expect("a pipe");
+            let _ = std::io::Read::read(&mut reader, &mut [0]);
+        }
+        "slow" => std::thread::sleep(std::time::Duration::from_millis(12)),
+        "memcpy" => {
+            let mut target = [0u8; 64];
+            // SAFETY: none; the source is no memory, which is what is tested.
+            unsafe { std::ptr::copy_nonoverlapping(black_box(64 as *const u8), target.as_mut_ptr(), black_box(64)) };
+            black_box(target);
+        }
+        "corrupt" => {
+            let memory = black_box(Box::into_raw(Box::new([0u64; 500])));
+            let beyond = black_box(Box::new([0u64; 500]));
+            // SAFETY: none; what lies behind the memory is the heap's own, which is what is tested.
+            unsafe {
+                memory.cast::<u64>().add(501).write_volatile(0xbad0);
+                drop(Box::from_raw(memory));
+            }
+            drop(beyond);
+        }
+        _ => {
+            let memory = black_box(Box::into_raw(Box::new([0u64; 500])));
+            // SAFETY: none; the second drop frees what is free, which is what is tested.
+            unsafe {
+                drop(Box::from_raw(memory));
+                drop(Box::from_raw(memory));
+            }
+        }
+    }
+}
+
+export_components!(Doomed, Stillborn, Heir, Keeper, Stuck);

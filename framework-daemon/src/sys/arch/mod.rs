@@ -1,0 +1,39 @@
+//! All that depends on the processor: one small file each, with the same functions.
+//!
+//! x86-64 is proven by the tests. The functions for aarch64 are compiled and read, not run: what they rest on is the
+//! architecture's register names in the signal frame and `corosensei`'s own trap handler, which its authors test there.
+#![allow(unsafe_code, reason = "address of unsafe: a thread that ends itself")]
+
+#[cfg(target_arch = "x86_64")]
+#[path = "x86_64.rs"]
+mod processor;
+
+#[cfg(target_arch = "aarch64")]
+#[path = "aarch64.rs"]
+mod processor;
+
+pub use processor::{
+    AUDIT_ARCH, arguments, continue_at, link, position, redirect, registers, resume, return_address, set_result,
+    strike, system_call, waits,
+};
+
+/// Ends this kernel thread here and now: nothing is unwound, freed or run. The kernel walks its list of robust locks and
+/// wakes whoever joins it.
+pub fn exit_thread() -> ! {
+    loop {
+        // SAFETY: takes no memory, and does not return.
+        unsafe { system_call(libc::SYS_exit, [0; 6]) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_system_call_returns_what_the_kernel_says() {
+        // SAFETY: neither takes memory, and there is no such descriptor.
+        let (pid, close) = unsafe {
+            (super::system_call(libc::SYS_getpid, [0; 6]), super::system_call(libc::SYS_close, [usize::MAX; 6]))
+        };
+        assert_eq!((pid, close), (std::process::id() as isize, -(libc::EBADF as isize)));
+    }
+}

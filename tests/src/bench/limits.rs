@@ -1,0 +1,78 @@
+//! The raw limits: `limits.c`, and a bare `catch_unwind`.
+#![allow(unsafe_code, reason = "calls into C")]
+
+use std::hint::black_box;
+use std::panic::catch_unwind;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+mod c {
+    unsafe extern "C" {
+        pub(super) fn limit_trap(call: extern "C" fn()) -> u64;
+        pub(super) fn limit_watch_prepare();
+        pub(super) fn limit_watchdog();
+        pub(super) fn limit_watch_end();
+        pub(super) fn limit_hang(budget: u64, call: extern "C" fn()) -> u64;
+    }
+}
+
+static CALLS: AtomicU64 = AtomicU64::new(0);
+
+/// What is called at the end: the standby's first callback does something, too.
+extern "C" fn call() {
+    CALLS.fetch_add(1, Ordering::Relaxed);
+}
+
+/// SIGSEGV, `siglongjmp` without a mask, a call.
+#[must_use]
+pub fn trap() -> u64 {
+    // SAFETY: the jump stays inside the C function, over no other frame than the handler's.
+    unsafe { c::limit_trap(call) }
+}
+
+/// A panic as deep as a provoked one, `catch_unwind`, a call.
+///
+/// # Panics
+/// Never: what panics is caught.
+#[must_use]
+pub fn panic() -> u64 {
+    let began = Instant::now();
+    let caught = catch_unwind(|| {
+        provoke(black_box(1));
+        black_box(0)
+    });
+    call();
+    let took = began.elapsed().as_nanos() as u64;
+    assert!(caught.is_err());
+    took
+}
+
+#[inline(never)]
+fn provoke(code: u8) {
+    assert!(black_box(code) != 1, "bare");
+}
+
+/// Makes ready for [`watchdog`] and [`hang`].
+pub fn watch_prepare() {
+    // SAFETY: called before its thread starts.
+    unsafe { c::limit_watch_prepare() };
+}
+
+/// The body of the watchdog's thread.
+pub fn watchdog() {
+    // SAFETY: it was prepared.
+    unsafe { c::limit_watchdog() };
+}
+
+/// Ends the watchdog's thread.
+pub fn watch_end() {
+    // SAFETY: it was prepared.
+    unsafe { c::limit_watch_end() };
+}
+
+/// An endless loop, a watchdog that signals at the deadline, `siglongjmp`, a call: from the deadline on.
+#[must_use]
+pub fn hang(budget: Duration) -> u64 {
+    // SAFETY: it was prepared; the jump stays inside the C function.
+    unsafe { c::limit_hang(budget.as_nanos() as u64, call) }
+}

@@ -1,0 +1,172 @@
+//! What a component does to the process that it runs in, and on threads of its own: contained, blamed on the right slot,
+//! answered by its rules. The others go on.
+#![allow(unsafe_code, reason = "a system that permits no filters")]
+
+use tests::profiles::{Profiles, application, plugin_dir, slot};
+use tests::running::Running;
+
+/// A slot that does that deed, beside one on another executor that must not notice.
+fn culprit(deed: &str) -> Profiles {
+    let inside = format!(
+        "<properties><property name=\"deed\" type=\"string\">{deed}</property></properties>\
+         <fault_tolerance><severity>reset</severity><reset limit=\"2\" within=\"60s\"/></fault_tolerance>"
+    );
+    let slots = [slot("culprit", "Shielded", &inside), slot("ticker", "Ticker", "")];
+    let profiles = Profiles::new(&application(&slots, &[]));
+    profiles.describe(&plugin_dir().join("libshielded.so"));
+    profiles
+}
+
+/// The daemon outlives the deed each time, blames `culprit` for `symptom`, and stops it in the end; the other slot runs on.
+fn contained(deed: &str, symptom: &str) {
+    let mut daemon = Running::start(culprit(deed).path(), &[]);
+    daemon.wait_for("the slot is stopped");
+    let faults = daemon.journal("fault", 3);
+    for fault in &faults {
+        let seen = [&fault["slot"], &fault["symptom"]].map(|field| field.as_str().unwrap_or_default());
+        assert_eq!(seen, ["culprit", symptom], "{deed}; the log:\n{}", daemon.log());
+    }
+    // A thread that is late belongs to an instance that is gone: its fault is only written down.
+    let actions = faults.iter().map(|fault| fault["action"].as_str().unwrap_or_default());
+    let actions: Vec<_> = actions.filter(|action| *action != "ignore").collect();
+    assert_eq!(actions, ["reset", "reset", "stop"], "{deed}");
+    goes_on(&mut daemon, deed);
+}
+
+/// The other slot is at work, and has been all the time.
+fn goes_on(daemon: &mut Running, deed: &str) {
+    let slots = daemon.stop();
+    let other = slots.iter().find(|slot| slot["slot"] == "ticker").expect("it is in the summary");
+    assert_eq!((other["state"].as_str(), other["faults"].as_u64()), (Some("active"), Some(0)), "{deed}");
+    assert!(other["cycles"].as_u64() > Some(0), "{deed}");
+}
+
+/// The deed is no fault, and the component runs on after it.
+fn allowed(deed: &str) {
+    let mut daemon = Running::start(culprit(deed).path(), &[]);
+    daemon.wait_for_lines(&format!("is over: {deed}"), 3);
+    let faults = daemon.entries("fault");
+    assert!(faults.is_empty(), "{deed}: {faults:?}");
+    goes_on(&mut daemon, deed);
+}
+
+#[test]
+fn handlers_masks_and_signal_stacks_stay_the_daemons() {
+    contained("handler reset", "crash.segv");
+    contained("mask", "crash.segv");
+    contained("signal stack", "crash.stack");
+}
+
+#[test]
+fn the_end_of_the_process_is_the_end_of_a_callback() {
+    for deed in ["exit", "exit now", "pthread_exit", "exec"] {
+        contained(deed, "crash.exit");
+    }
+}
+
+#[test]
+fn a_fatal_signal_to_the_process_is_the_senders_fault() {
+    for deed in ["kill", "kill hard", "kill group", "raise", "pthread_kill"] {
+        contained(deed, "crash.abort");
+    }
+    contained("raise segv", "crash.segv");
+}
+
+#[test]
+fn system_calls_past_the_c_library_are_stopped() {
+    for deed in ["syscall exit_group", "syscall exit", "asm exit_group"] {
+        contained(deed, "crash.exit");
+    }
+    for deed in ["syscall kill", "syscall tgkill", "asm kill"] {
+        contained(deed, "crash.abort");
+    }
+    for deed in ["syscall handler reset", "asm handler reset", "asm mask"] {
+        contained(deed, "crash.segv");
+    }
+    contained("asm signal stack", "crash.stack");
+}
+
+/// From now on this thread and what it starts may set no filter.
+fn refuse_filters() {
+    let step = |code: u32, jt: u8, k: u32| libc::sock_filter { code: code as u16, jt, jf: 0, k };
+    let filter = [
+        step(libc::BPF_LD | libc::BPF_W | libc::BPF_ABS, 0, 0),
+        step(libc::BPF_JMP | libc::BPF_JEQ | libc::BPF_K, 1, libc::SYS_seccomp as u32),
+        step(libc::BPF_RET | libc::BPF_K, 0, libc::SECCOMP_RET_ALLOW),
+        step(libc::BPF_RET | libc::BPF_K, 0, libc::SECCOMP_RET_ERRNO | libc::EPERM as u32),
+    ];
+    let program = libc::sock_fprog { len: 4, filter: filter.as_ptr().cast_mut() };
+    // SAFETY: the kernel reads the program during the call.
+    let refused = unsafe {
+        libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
+        libc::syscall(libc::SYS_seccomp, libc::SECCOMP_SET_MODE_FILTER, 0, &raw const program)
+    };
+    assert_eq!(refused, 0, "{}", std::io::Error::last_os_error());
+}
+
+#[test]
+fn where_no_filter_is_permitted_the_log_says_so_and_all_else_is_contained() {
+    refuse_filters();
+    contained("exit", "crash.exit");
+    contained("thread null", "crash.segv");
+    let mut daemon = Running::start(culprit("syscall exit_group").path(), &[]);
+    daemon.wait_for("allow `seccomp` and `no_new_privs`");
+    assert_eq!(daemon.wait().code(), Some(0), "what is left");
+}
+
+#[test]
+fn a_trap_on_another_stack_is_the_callbacks() {
+    contained("asm own stack", "crash.segv");
+    contained("asm wild stack", "crash.segv");
+}
+
+#[test]
+fn a_trap_on_a_components_own_thread_ends_that_thread() {
+    contained("thread null", "crash.segv");
+    contained("thread overflow", "crash.stack");
+    contained("thread abort", "crash.abort");
+    contained("thread handler reset", "crash.segv");
+    contained("thread mask", "crash.segv");
+    contained("grandchild null", "crash.segv");
+}
+
+#[test]
+fn a_components_own_thread_cannot_end_the_process() {
+    for deed in ["thread exit", "thread exit now", "thread syscall exit_group"] {
+        contained(deed, "crash.exit");
+    }
+    contained("thread kill", "crash.abort");
+}
+
+#[test]
+fn a_components_own_signal_handler_ends_alone_on_whatever_thread() {
+    contained("own handler null", "crash.segv");
+    contained("own handler null elsewhere", "crash.segv");
+    contained("own handler abort", "crash.abort");
+    contained("own handler exit", "crash.exit");
+}
+
+#[test]
+fn a_panic_on_a_components_own_thread_is_told_with_its_place() {
+    contained("thread panic", "crash.panic");
+    contained("thread double panic", "crash.abort");
+    let daemon = Running::start(culprit("thread panic").path(), &[]);
+    let evidence = daemon.journal("fault", 1).remove(0)["evidence"].take();
+    assert_eq!(evidence["message"], "astray");
+    assert!(evidence["file"].as_str().is_some_and(|file| file.ends_with("astray.rs")));
+}
+
+#[test]
+fn children_live_and_end_as_they_like() {
+    for deed in ["child", "forked child", "child that is not there", "child that kills itself", "child that comes back"]
+    {
+        allowed(deed);
+    }
+}
+
+#[test]
+fn threads_and_signals_of_a_components_own_work() {
+    for deed in ["alarm", "own handler", "threads", "thread that ends itself"] {
+        allowed(deed);
+    }
+}

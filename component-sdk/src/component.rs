@@ -70,7 +70,9 @@ pub trait Component: Sized + Send + 'static {
     fn build(builder: &mut Builder<'_>) -> Result<Self, ComponentError>;
 }
 
-/// The callbacks of a component. Each runs on a fiber of the slot's executor, one at a time.
+/// The callbacks of a component. Each runs on a fiber, one at a time: on the slot's executor while the instance is in use.
+/// An instance that is to stand ready is built, initialised and rehearsed on another thread, one that was replaced stopped
+/// and destroyed there.
 ///
 /// Order: `initialize`, `start`, then `on_execute` and `update` in turn, `stop`, `destroy`. A fault leads to
 /// `on_error` and `reset` of the same instance where it may still be entered, or to `initialize`, `recover`

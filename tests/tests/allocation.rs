@@ -3,8 +3,8 @@
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicI32, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use component_sdk::abi::inject;
@@ -17,7 +17,7 @@ use framework_daemon::sys::{clock, trap};
 use tests::profiles::{Profiles, application, plugin_dir, slot};
 
 const PATIENCE: Duration = Duration::from_secs(20);
-const FAULTS: usize = 50;
+
 const NOTES: usize = 256;
 
 /// Notes when the watched thread used the allocator while no event was queued.
@@ -26,7 +26,8 @@ struct Counting;
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-static EVENTS: OnceLock<Receiver<FaultEvent>> = OnceLock::new();
+/// Where the events of the present system arrive; leaked, because the allocator looks at it at any time.
+static EVENTS: AtomicPtr<Receiver<FaultEvent>> = AtomicPtr::new(std::ptr::null_mut());
 static WATCHED: AtomicI32 = AtomicI32::new(0);
 static WATCHING: AtomicBool = AtomicBool::new(false);
 static NOTED: AtomicUsize = AtomicUsize::new(0);
@@ -35,7 +36,8 @@ static TIMES: [AtomicU64; NOTES] = [const { AtomicU64::new(0) }; NOTES];
 fn note() {
     // SAFETY: a system call without arguments.
     let is_watched = WATCHING.load(Ordering::Relaxed) && unsafe { libc::gettid() } == WATCHED.load(Ordering::Relaxed);
-    if is_watched && EVENTS.get().is_some_and(Receiver::is_empty) {
+    // SAFETY: null or leaked.
+    if is_watched && unsafe { EVENTS.load(Ordering::Acquire).as_ref() }.is_some_and(Receiver::is_empty) {
         let place = NOTED.fetch_add(1, Ordering::Relaxed);
         TIMES[place % NOTES].store(clock::now_ns(), Ordering::Relaxed);
     }
@@ -75,23 +77,24 @@ fn event(events: &Receiver<FaultEvent>) -> FaultEvent {
     events.recv().unwrap()
 }
 
-fn recover_again_and_again(rules: &str, symptom: &str) {
+/// Provokes these faults, one after the other, in a slot with these rules.
+fn recover_from<'a>(symptoms: impl Iterator<Item = &'a str>, rules: &str) {
     let inside =
         format!("<executor>watched</executor><fault_tolerance><severity>reset</severity>{rules}</fault_tolerance>");
     let profiles = Profiles::new(&application(&[slot("ticker", "Ticker", &inside)], &[]));
     profiles.write("system.xml", "<system_profile><name>a</name><executor name=\"watched\"/></system_profile>");
     let plan = load::load(profiles.path()).unwrap().plan;
     let (sender, events) = crossbeam_channel::bounded(64);
-    let events = EVENTS.get_or_init(|| events.clone()).clone();
+    EVENTS.store(Box::into_raw(Box::new(events.clone())), Ordering::Release);
     trap::install();
     let system = boot(Arc::new(plan), &[plugin_dir()], sender).unwrap();
-    WATCHED.store(thread_number("watched"), Ordering::Relaxed);
     let placed = system.slot("ticker").unwrap().clone();
-    let code = inject::code(symptom).unwrap();
-    for number in 0..FAULTS {
-        system.workshop.settle(PATIENCE);
+    for symptom in symptoms {
+        assert!(system.workshop.settle(PATIENCE));
+        WATCHED.store(thread_number("watched"), Ordering::Relaxed);
         NOTED.store(0, Ordering::Relaxed);
         WATCHING.store(true, Ordering::Relaxed);
+        let code = inject::code(symptom).unwrap();
         assert_eq!(placed.executor.inject(placed.member, code, PATIENCE), Ok(true));
         let event = event(&events);
         assert_eq!(event.outcome, Outcome::Recovered, "{symptom}");
@@ -99,16 +102,18 @@ fn recover_again_and_again(rules: &str, symptom: &str) {
         let times = TIMES[..noted].iter().map(|time| time.load(Ordering::Relaxed));
         let after: Vec<u64> = times.filter_map(|time| time.checked_sub(event.fault.at_ns)).collect();
         let first = event.times.first_callback_ns;
-        assert!(
-            after.is_empty(),
-            "fault {number} ({symptom}): used {after:?} ns after it, first callback at {first:?}"
-        );
+        assert!(after.is_empty(), "{symptom}: used {after:?} ns after it, first callback at {first:?}");
     }
     drop(placed);
     shutdown(system);
 }
 
+// One test, because one thread is watched at a time.
 #[test]
-fn a_recovery_by_a_spare_uses_no_allocator() {
-    recover_again_and_again("<reset limit=\"1000\" within=\"1s\"/><spare count=\"2\"/>", "crash.segv");
+fn a_recovery_by_reset_spare_or_secondary_uses_no_allocator() {
+    let symptoms = ["crash.segv", "crash.panic", "crash.fpe", "error", "crash.ill", "crash.stack", "crash.segv"];
+    recover_from(symptoms.into_iter().cycle().take(50), "<reset limit=\"1000\" within=\"1s\"/><spare count=\"2\"/>");
+    let secondaries = "<secondary reference=\"Downer.xml\"/>".repeat(16);
+    let rules = format!("<reset limit=\"0\"/>{secondaries}<checkpoint period=\"1ms\"/>");
+    recover_from(std::iter::repeat_n("crash.segv", 16), &rules);
 }

@@ -207,3 +207,23 @@ fn memory_is_locked_where_permitted_and_the_log_names_the_way_out_where_not() {
     let warned = daemon.lines("memory is not locked").len();
     assert!(if permitted { locked > 0 && warned == 0 } else { warned <= 1 }, "{locked} kB locked, {warned} warnings");
 }
+
+/// The check of a value follows a pointer that its writer forged: the writer's fault, and nothing stays locked or lent.
+#[test]
+fn a_forged_object_is_a_fault_of_its_writer_and_its_port_works_on() {
+    let rules = "<fault_tolerance><severity>reset</severity><reset limit=\"1000\"/></fault_tolerance>";
+    let slots = [slot("forger", "Forger", rules), slot("auditor", "Auditor", "")];
+    let profiles = Profiles::new(&application(&slots, &[]));
+    profiles.describe(&plugin_dir().join("libhostile.so"));
+    let wire = connection("forger.said -> auditor.heard", "<validity field=\"ranges\"><min>0</min></validity>");
+    profiles.replace("app.xml", "</port_connections>", &format!("{wire}</port_connections>"));
+    let mut daemon = Running::start(profiles.path(), &[]);
+    let faults = daemon.journal("fault", 20);
+    assert!(faults.iter().all(|fault| fault["slot"] == "forger" && fault["symptom"] == "crash.segv"), "{faults:?}");
+    assert!(faults.iter().all(|fault| fault["outcome"] == "recovered"));
+    let seen = daemon.lines("audited").len();
+    daemon.wait_for_lines("audited", seen + 3);
+    let slots = daemon.stop();
+    assert_eq!((slots[1]["state"].as_str(), slots[1]["faults"].as_u64()), (Some("active"), Some(0)));
+    assert!(daemon.lines("audited").iter().all(|line| line.contains("[1.0, 2.0]")));
+}

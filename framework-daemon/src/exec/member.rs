@@ -193,9 +193,11 @@ impl Member {
         let inject = self.inject.pop_front().unwrap_or(0);
         let queued = self.queued();
         let began = clock::now_ns();
-        match self.enter(Call { inject, ..Call::plain(Hook::Execute) }, crew) {
+        // Looked at where it lies: a fault is large.
+        let result = self.enter(Call { inject, ..Call::plain(Hook::Execute) }, crew);
+        match &result {
             Ok(()) => self.completed(clock::now_ns() - began, crew),
-            Err(fault) => self.handle(&fault, crew),
+            Err(fault) => self.handle(fault, crew),
         }
         // It took one value of several: the others are news, too. One that takes nothing is not asked again.
         if self.trigger == Trigger::Nonperiodic && (1..queued).contains(&self.queued()) {

@@ -28,14 +28,16 @@ pub fn lost_events() -> u64 {
     LOST.load(Ordering::Relaxed)
 }
 
-/// How one step of the ladder ended.
+/// How one step of the ladder ended. Small, because a fault is large and a step that holds returns none; that of a step
+/// that failed is in [`Climb::second`].
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Step {
     /// The slot works.
     Works,
     /// The slot is stopped.
     Stopped,
     /// The recovery failed itself.
-    Failed(Fault),
+    Failed,
 }
 
 /// A way up the ladder: where it began and how far it got.
@@ -63,6 +65,19 @@ pub struct Breath {
     fault: Fault,
     climb: Climb,
     until_ns: u64,
+}
+
+impl Climb {
+    /// The step failed by that fault.
+    fn fail(&mut self, second: Fault) -> Step {
+        self.second = Some(second);
+        Step::Failed
+    }
+
+    /// What the next step is told: the last failed try, or the fault itself.
+    fn cause<'a>(&'a self, fault: &'a Fault) -> &'a Fault {
+        self.second.as_ref().unwrap_or(fault)
+    }
 }
 
 impl Record {
@@ -107,22 +122,17 @@ impl Member {
     /// further one at once, the others after a pause: nothing loops, and commands and other slots have their turn.
     fn climb(&mut self, fault: &Fault, mut climb: Climb, crew: &mut Crew) {
         loop {
-            let cause = climb.second.as_ref().unwrap_or(fault);
             let step = match climb.answer {
-                Answer::Reset => self.reset(cause, fault, &mut climb.record, crew),
-                Answer::Replace => self.replace(cause, fault, &mut climb.record, crew),
-                Answer::Stop | Answer::Ignore | Answer::Prepare => self.fault_stop(cause, crew),
+                Answer::Reset => self.reset(fault, &mut climb, crew),
+                Answer::Replace => self.replace(fault, &mut climb, crew),
+                Answer::Stop | Answer::Ignore | Answer::Prepare => self.fault_stop(climb.cause(fault), crew),
             };
             let Climb { class, answer, record, .. } = climb;
             match step {
                 Step::Works => self.tell_manager(fault, class, answer, Outcome::Recovered, record, crew),
                 Step::Stopped => self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, record, crew),
-                Step::Failed(second) => {
-                    self.fail(&second, answer, crew);
-                    climb.answer =
-                        if climb.failures < RECOVERY_STEPS_MAX { self.ladder.further() } else { Answer::Stop };
-                    climb.second = Some(second);
-                    climb.failures += 1;
+                Step::Failed => {
+                    self.count_failure(&mut climb, crew);
                     if climb.answer == Answer::Stop || climb.failures <= BREATHLESS_FAILURES {
                         continue;
                     }
@@ -136,10 +146,15 @@ impl Member {
         self.shelf.order();
     }
 
-    /// A recovery failed itself.
-    fn fail(&self, second: &Fault, answer: Answer, crew: &Crew) {
+    /// A recovery failed itself: the ladder goes on.
+    fn count_failure(&mut self, climb: &mut Climb, crew: &Crew) {
         Status::count(&self.slot.status.faults);
-        self.tell_manager(second, self.slot.status.class(), answer, Outcome::Failed, Record::default(), crew);
+        if let Some(second) = &climb.second {
+            let class = self.slot.status.class();
+            self.tell_manager(second, class, climb.answer, Outcome::Failed, Record::default(), crew);
+        }
+        climb.answer = if climb.failures < RECOVERY_STEPS_MAX { self.ladder.further() } else { Answer::Stop };
+        climb.failures += 1;
     }
 
     /// The next try waits, longer each time.
@@ -168,15 +183,16 @@ impl Member {
     }
 
     /// The same instance where it is sound; a spare or, where none is ready, a fresh one of its class else.
-    fn reset(&mut self, cause: &Fault, fault: &Fault, record: &mut Record, crew: &mut Crew) -> Step {
+    fn reset(&mut self, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
         if self.unit.as_ref().is_none_or(|unit| unit.spent) {
-            let successor = self.shelf.take().map_or_else(|| self.make(self.shelf.in_use(), crew), Ok);
-            return self.succeed(successor, cause, fault, record, crew);
+            let number = self.shelf.in_use();
+            let spare = self.shelf.take();
+            return self.succeed_by(spare, number, fault, climb, crew);
         }
         for hook in [Hook::Error, Hook::Reset] {
-            let args = told(self.slot.name, cause);
+            let args = told(self.slot.name, climb.cause(fault));
             if let Err(second) = self.enter(Call { hook, inject: 0, fault: args }, crew) {
-                return Step::Failed(second);
+                return climb.fail(second);
             }
             self.keep_side_report();
         }
@@ -185,46 +201,52 @@ impl Member {
             && let Err(second) = self.enter_start(crew)
         {
             self.step(Event::Fault);
-            return Step::Failed(second);
+            return climb.fail(second);
         }
         self.keep_side_report();
-        self.put_to_work(fault, record, crew)
+        self.put_to_work(fault, climb, crew)
     }
 
     /// The next secondary.
-    fn replace(&mut self, cause: &Fault, fault: &Fault, record: &mut Record, crew: &mut Crew) -> Step {
-        let Some(index) = self.ladder.secondary() else { return self.fault_stop(cause, crew) };
+    fn replace(&mut self, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
+        let Some(index) = self.ladder.secondary() else { return self.fault_stop(climb.cause(fault), crew) };
         let ready = self.standbys[index].unit.take();
         self.shelf.follow(index + 1);
-        let unit = ready.map_or_else(|| self.make(index + 1, crew), Ok);
-        self.succeed(unit, cause, fault, record, crew)
+        self.succeed_by(ready, index + 1, fault, climb, crew)
+    }
+
+    /// A successor that is ready, or one that is made on the spot after the recipe of that number.
+    fn succeed_by(
+        &mut self,
+        ready: Option<Unit>,
+        number: usize,
+        fault: &Fault,
+        climb: &mut Climb,
+        crew: &mut Crew,
+    ) -> Step {
+        if let Some(unit) = ready {
+            return self.succeed(unit, fault, climb, crew);
+        }
+        match self.make(number, crew) {
+            Ok(unit) => self.succeed(unit, fault, climb, crew),
+            Err(second) => climb.fail(second),
+        }
     }
 
     /// Puts a successor in the place of the instance in use.
-    fn succeed(
-        &mut self,
-        successor: Result<Unit, Fault>,
-        cause: &Fault,
-        fault: &Fault,
-        record: &mut Record,
-        crew: &mut Crew,
-    ) -> Step {
-        let unit = match successor {
-            Ok(unit) => unit,
-            Err(second) => return Step::Failed(second),
-        };
+    fn succeed(&mut self, unit: Unit, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
         self.slot.status.set_class(unit.recipe);
         self.unit.iter().for_each(Unit::close);
         unit.open();
         let old = self.unit.replace(unit);
         let step = match self.restore(crew) {
             Ok(age_ns) => {
-                record.checkpoint_ns = age_ns;
-                self.take_over(cause, fault, record, crew)
+                climb.record.checkpoint_ns = age_ns;
+                self.take_over(fault, climb, crew)
             }
-            Err(second) => Step::Failed(second),
+            Err(second) => climb.fail(second),
         };
-        if matches!(step, Step::Failed(_)) && record.checkpoint_ns.take().is_some() {
+        if step == Step::Failed && climb.record.checkpoint_ns.take().is_some() {
             self.checkpoint.iter_mut().for_each(Checkpoint::forget);
         }
         // The old one's end is nobody's hurry.
@@ -252,40 +274,36 @@ impl Member {
         }
     }
 
-    fn take_over(&mut self, cause: &Fault, fault: &Fault, record: &mut Record, crew: &mut Crew) -> Step {
-        let args = told(self.slot.name, cause);
+    fn take_over(&mut self, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
+        let args = told(self.slot.name, climb.cause(fault));
         if let Err(second) = self.enter(Call { hook: Hook::Recover, inject: 0, fault: args }, crew) {
-            return Step::Failed(second);
+            return climb.fail(second);
         }
         self.keep_side_report();
         self.step(Event::Recover);
         self.step(Event::Start);
         if let Err(second) = self.enter_start(crew) {
             self.step(Event::Fault);
-            return Step::Failed(second);
+            return climb.fail(second);
         }
         self.keep_side_report();
-        self.put_to_work(fault, record, crew)
+        self.put_to_work(fault, climb, crew)
     }
 
     /// The callback that the fault cut short, again.
-    fn put_to_work(&mut self, fault: &Fault, record: &mut Record, crew: &mut Crew) -> Step {
-        record.times.ready_ns = Some(since(fault));
+    fn put_to_work(&mut self, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
+        climb.record.times.ready_ns = Some(since(fault));
         if self.trigger == Trigger::Passive {
             return Step::Works;
         }
-        match self.enter(Call::plain(Hook::Execute), crew) {
-            Ok(()) => {
-                record.times.first_callback_ns = Some(since(fault));
-                self.keep_side_report();
-                Status::count(&self.slot.status.cycles);
-                Step::Works
-            }
-            Err(second) => {
-                self.step(Event::Fault);
-                Step::Failed(second)
-            }
+        if let Err(second) = self.enter(Call::plain(Hook::Execute), crew) {
+            self.step(Event::Fault);
+            return climb.fail(second);
         }
+        climb.record.times.first_callback_ns = Some(since(fault));
+        self.keep_side_report();
+        Status::count(&self.slot.status.cycles);
+        Step::Works
     }
 
     /// The slot stops. A sound instance is told why and kept, so that it can be destroyed in order.

@@ -209,12 +209,13 @@ impl Workshop {
         })
     }
 
-    /// Waits until all that was ordered was tried once, but no longer than `limit`.
-    pub fn settle(&self, limit: Duration) {
+    /// Waits until all that was ordered was tried once, but no longer than `limit`; false: it was not.
+    pub fn settle(&self, limit: Duration) -> bool {
         let end = clock::now_ns() + u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX);
         while !self.orders.is_idle() && clock::now_ns() < end {
             std::thread::sleep(Duration::from_millis(1));
         }
+        self.orders.is_idle()
     }
 }
 
@@ -224,7 +225,7 @@ impl Drop for Workshop {
         self.orders.quit.store(true, Ordering::Release);
         self.orders.waker.wake();
         let Some(thread) = self.thread.take() else { return };
-        self.settle(SHUTDOWN_STEP);
+        let _ = self.settle(SHUTDOWN_STEP);
         let limit = clock::now_ns() + 100_000_000;
         while self.orders.is_idle() && !thread.is_finished() && clock::now_ns() < limit {
             std::thread::sleep(Duration::from_millis(1));

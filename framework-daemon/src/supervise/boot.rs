@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use super::blueprint::{Blueprint, draw, texts};
 use super::catalogue::Catalogue;
@@ -61,14 +62,24 @@ pub fn boot_unless(
     let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;
     match bring_up(&mut system, blueprints, given_up) {
         Ok(()) => {
-            // Ready means ready: the first fault finds its spare.
-            system.workshop.settle(BOOT_STEP);
+            await_spares(&system.workshop, given_up);
             Ok(system)
         }
         Err(error) => {
             // What was brought up already ends in order.
             shutdown(system);
             Err(error)
+        }
+    }
+}
+
+/// Ready means ready: the first fault finds its spare. A stop does not wait for it.
+fn await_spares(workshop: &Workshop, given_up: &AtomicBool) {
+    let (began, look) = (Instant::now(), Duration::from_millis(10));
+    while !workshop.settle(look) && !given_up.load(Ordering::Relaxed) {
+        if began.elapsed() > BOOT_STEP {
+            tracing::warn!("not every spare is ready after {BOOT_STEP:?}: a constructor or `initialize` takes long");
+            return;
         }
     }
 }

@@ -282,4 +282,50 @@ fn stick(how: &str) {
     }
 }
 
-export_components!(Doomed, Stillborn, Heir, Keeper, Stuck);
+/// Sends scans; every tenth one says that its ranges lie where nothing is.
+#[derive(Component)]
+#[component(name = "Forger", version = "1.0", periodic = "2ms")]
+pub struct Forger {
+    #[port]
+    said: DataOut<LaserScan>,
+    cycles: u64,
+}
+
+impl Callbacks for Forger {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.cycles += 1;
+        let mut scan = self.said.loan();
+        if self.cycles.is_multiple_of(10) {
+            // SAFETY: none; address, length and capacity of the sequence are forged, which is its purpose.
+            unsafe { (&raw mut scan.ranges).cast::<[usize; 3]>().write([64, 1000, 0]) };
+        } else {
+            scan.ranges = [1.0, 2.0].into_iter().collect();
+        }
+        scan.send();
+        Ok(())
+    }
+}
+
+/// Logs every tenth scan that it hears.
+#[derive(Component)]
+#[component(name = "Auditor", version = "1.0", nonperiodic)]
+pub struct Auditor {
+    #[port(fifo = 64)]
+    heard: DataIn<LaserScan>,
+    received: u64,
+}
+
+impl Callbacks for Auditor {
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        while let Some(scan) = self.heard.take() {
+            self.received += 1;
+            if self.received.is_multiple_of(10) {
+                let ranges: &[f32] = &scan.ranges;
+                info!(cx, "audited {} scans, the last with {ranges:?}", self.received);
+            }
+        }
+        Ok(())
+    }
+}
+
+export_components!(Doomed, Stillborn, Heir, Keeper, Forger, Auditor, Stuck);

@@ -4,14 +4,18 @@
 
 use std::fmt::{self, Write};
 use std::marker::PhantomData;
+use std::os::fd::AsRawFd;
 use std::time::Duration;
 
-use abi_stable::std_types::RStr;
+use abi_stable::std_types::{RSlice, RStr};
 
 use crate::abi::host::HostApi;
 
 /// Longest log or fault text in bytes; what goes beyond is cut at a character border.
 pub const TEXT_LIMIT: usize = 400;
+
+/// Most bytes of a safe output.
+pub const SAFE_OUTPUT_LIMIT: usize = 64;
 
 /// How important a log record is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -100,6 +104,16 @@ impl<'a> Context<'a> {
     /// into the instance that succeeds this one: plain data only, no pointers.
     pub fn critical(&self, name: &str, region: &'static mut [u8]) {
         (self.host.critical)(RStr::from_str(name), region.as_mut_ptr(), region.len());
+    }
+
+    /// Registers what is to be written to `output` if the daemon itself dies by a crash: an actuator's stop command, ready
+    /// to send. Nobody computes anything then.
+    ///
+    /// The same descriptor or device again replaces the bytes; no bytes take them back, which a component does before it
+    /// closes the descriptor. At most [`SAFE_OUTPUT_LIMIT`] bytes, and 64 outputs in a process: what goes beyond is not
+    /// registered, and the log says so.
+    pub fn safe_output(&self, output: &impl AsRawFd, bytes: &[u8]) {
+        (self.host.safe_output)(output.as_raw_fd(), RSlice::from_slice(bytes));
     }
 }
 

@@ -51,13 +51,16 @@ struct BenchPort {
 }
 
 thread_local! {
-    static RECORD: RefCell<Record> = const { RefCell::new(Record { now_ns: 0, logs: Vec::new(), faults: Vec::new() }) };
+    static RECORD: RefCell<Record> = const {
+        RefCell::new(Record { now_ns: 0, logs: Vec::new(), faults: Vec::new(), safe_outputs: Vec::new() })
+    };
 }
 
 struct Record {
     now_ns: u64,
     logs: Vec<(u8, String)>,
     faults: Vec<String>,
+    safe_outputs: Vec<(i32, Vec<u8>)>,
 }
 
 impl<C: Callbacks> Bench<C> {
@@ -200,6 +203,12 @@ impl<C: Callbacks> Bench<C> {
     pub fn faults() -> Vec<String> {
         RECORD.with_borrow_mut(|record| std::mem::take(&mut record.faults))
     }
+
+    /// The safe outputs that are registered on this thread: descriptor and bytes.
+    #[must_use]
+    pub fn safe_outputs() -> Vec<(i32, Vec<u8>)> {
+        RECORD.with_borrow(|record| record.safe_outputs.clone())
+    }
 }
 
 impl BenchPort {
@@ -227,6 +236,7 @@ static BENCH: HostApi = HostApi {
     publish,
     give_back,
     read,
+    safe_output,
 };
 
 extern "C" fn clock() -> u64 {
@@ -239,6 +249,15 @@ extern "C" fn log(level: u8, text: RStr<'_>) {
 
 extern "C" fn raise_fault(text: RStr<'_>) {
     RECORD.with_borrow_mut(|record| record.faults.push(text.to_string()));
+}
+
+extern "C" fn safe_output(fd: i32, bytes: RSlice<'_, u8>) {
+    RECORD.with_borrow_mut(|record| {
+        record.safe_outputs.retain(|(known, _)| *known != fd);
+        if !bytes.is_empty() {
+            record.safe_outputs.push((fd, bytes.to_vec()));
+        }
+    });
 }
 
 extern "C" fn ignore_text(_: RStr<'_>) {}

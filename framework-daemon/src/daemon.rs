@@ -2,29 +2,41 @@
 
 use std::ffi::OsStr;
 use std::io::Write;
+use std::os::fd::AsFd;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use crossbeam_channel::{Receiver, after, never, select};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use crate::exec::slot::Slot;
 use crate::fault::journal::Journal;
 use crate::fault::manager::{self, Manager, SharedJournal};
-use crate::model::lifecycle::State;
-use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP};
+use crate::model::fault::RestartRequest;
+use crate::model::limits::SHUTDOWN_STEP;
 use crate::profile::diagnostic::Diagnostic;
 use crate::profile::load;
-use crate::profile::plan::Plan;
-use crate::supervise::boot::{self, BootError};
+use crate::profile::plan::OnTaint;
+use crate::supervise::boot::BootError;
 use crate::supervise::reload::reload;
 use crate::supervise::shutdown::shutdown;
 use crate::supervise::system::{Placed, System};
 use crate::sys::foreign::{self, Owner, Report};
 use crate::sys::signals::{self, Request};
-use crate::sys::{fence, log_ring, memory, shield, trap};
+use crate::sys::thread::SignalStack;
+use crate::sys::{fence, last_words, log_ring, memory, shield, trap};
+
+/// Faults to provoke.
+pub mod drill;
+
+/// The boot, which a signal may interrupt.
+mod rise;
+
+/// How everything is.
+pub mod status;
+
+pub use drill::Injection;
+use rise::Risen;
 
 /// What `run` is told.
 #[derive(Clone, Debug)]
@@ -39,20 +51,20 @@ pub struct Settings {
     pub injections: Vec<Injection>,
 }
 
-/// A fault to provoke.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Injection {
-    /// In which slot.
-    pub slot: String,
-    /// Which one; a number of `component_sdk::abi::inject`.
-    pub code: u8,
-    /// How long after `ready`.
-    pub after: Duration,
+/// How `run` ended that had begun.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// It was told to.
+    Stopped,
+    /// Its supervisor is to start it anew.
+    Restart(RestartRequest),
 }
 
 /// Why `run` ended without running.
 #[derive(Debug)]
 pub enum RunError {
+    /// The arguments do not fit the profiles.
+    Usage(Vec<String>),
     /// The profiles are invalid.
     Profiles(Vec<Diagnostic>),
     /// Plugins are missing or do not fit.
@@ -61,20 +73,41 @@ pub enum RunError {
     Failed(Vec<String>),
 }
 
+impl RunError {
+    fn reasons(&self) -> Vec<String> {
+        match self {
+            Self::Profiles(diagnostics) => diagnostics.iter().map(ToString::to_string).collect(),
+            Self::Usage(reasons) | Self::Plugins(reasons) | Self::Failed(reasons) => reasons.clone(),
+        }
+    }
+}
+
 impl From<std::io::Error> for RunError {
     fn from(error: std::io::Error) -> Self {
         Self::Failed(vec![error.to_string()])
     }
 }
 
-/// Runs a profile directory until SIGTERM or SIGINT.
+impl From<BootError> for RunError {
+    fn from(error: BootError) -> Self {
+        match error {
+            BootError::Plugins(reasons) => Self::Plugins(reasons),
+            BootError::Failed(reasons) => Self::Failed(reasons),
+        }
+    }
+}
+
+/// Runs a profile directory until SIGTERM or SIGINT, or until only a restart helps.
 ///
 /// # Errors
 /// When it cannot be brought up. Once it runs, it runs.
-pub fn run(settings: &Settings, out: &mut impl Write) -> Result<(), RunError> {
+pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError> {
     let loaded = load::load(&settings.directory).map_err(RunError::Profiles)?;
     loaded.diagnostics.iter().for_each(|diagnostic| tracing::warn!("{diagnostic}"));
-    check_injections(&settings.injections, &loaded.plan)?;
+    let wrong = drill::check(&settings.injections, &loaded.plan);
+    if !wrong.is_empty() {
+        return Err(RunError::Usage(wrong));
+    }
     let requests = signals::listen()?;
     log_ring::start()?;
     memory::lock_all().unwrap_or_else(|reason| tracing::warn!("{reason}"));
@@ -82,21 +115,51 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<(), RunError> {
     trap::install();
     shield::install();
     fence::install();
+    // Large enough for the last words of this thread.
+    let _signal_stack = SignalStack::new();
+    let journal = open_journal(settings)?;
+    let (manager, faults) = manager::start(Arc::clone(&journal))?;
+    manager.restart_on_taint(loaded.plan.system.on_taint == OnTaint::Restart);
+    let risen = rise::rise(Arc::new(loaded.plan), settings.plugins.clone(), faults, &requests)?;
+    let (system, reload) = match risen {
+        Risen::Up { system, reload } => (*system, reload),
+        Risen::Failed(error) => {
+            let error = RunError::from(error);
+            give_up(&journal, manager, settings, &error.reasons());
+            return Err(error);
+        }
+        Risen::Interrupted => {
+            give_up(&journal, manager, settings, &["it was told to end before it was ready".to_owned()]);
+            return Ok(Ending::Stopped);
+        }
+    };
+    let fields = json!({"accepted": true, "directory": settings.directory, "slots": system.slots.len()});
+    note(&journal, "start", &fields);
+    // Nobody may be listening any more; the robot runs all the same.
+    let _ = announce(&system, out);
+    let pending = drill::sorted(&settings.injections);
+    let mut daemon = Daemon { settings, system, journal, manager, began: Instant::now(), pending };
+    if reload {
+        daemon.reload();
+    }
+    Ok(daemon.serve(&requests, &strays))
+}
+
+fn open_journal(settings: &Settings) -> Result<SharedJournal, RunError> {
     let journal = Journal::open(&settings.journal);
     let journal =
         journal.map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
-    let journal: SharedJournal = Arc::new(Mutex::new(journal));
-    let (manager, faults) = manager::start(Arc::clone(&journal))?;
-    let system = boot::boot(Arc::new(loaded.plan), &settings.plugins, faults).map_err(|error| match error {
-        BootError::Plugins(reasons) => RunError::Plugins(reasons),
-        BootError::Failed(reasons) => RunError::Failed(reasons),
-    })?;
-    note(&journal, "start", &json!({"directory": settings.directory, "slots": system.slots.len()}));
-    // Nobody may be listening any more; the robot runs all the same.
-    let _ = announce(&system, out);
-    let pending = sorted(&settings.injections);
-    Daemon { settings, system, journal, manager, began: Instant::now(), pending }.serve(&requests, &strays);
-    Ok(())
+    last_words::prepare(journal.as_fd())?;
+    if let Some(told) = journal.last().and_then(Value::as_object).and_then(status::last_run) {
+        tracing::warn!("{told}");
+    }
+    Ok(Arc::new(Mutex::new(journal)))
+}
+
+/// A boot that came to nothing is in the journal, with the faults that it was given up for.
+fn give_up(journal: &SharedJournal, manager: Manager, settings: &Settings, reasons: &[String]) {
+    manager.finish(SHUTDOWN_STEP);
+    note(journal, "start", &json!({"accepted": false, "directory": settings.directory, "reasons": reasons}));
 }
 
 /// One line for whoever waits for it.
@@ -106,24 +169,8 @@ fn announce(system: &System, out: &mut impl Write) -> std::io::Result<()> {
     out.flush()
 }
 
-fn check_injections(injections: &[Injection], plan: &Plan) -> Result<(), RunError> {
-    let unknown = injections.iter().filter(|injection| plan.slots.iter().all(|slot| slot.name != injection.slot));
-    let known: Vec<_> = plan.slots.iter().map(|slot| slot.name.as_str()).collect();
-    let reasons: Vec<_> = unknown
-        .map(|injection| format!("--inject: there is no slot `{}`; there are: {}", injection.slot, known.join(", ")))
-        .collect();
-    if reasons.is_empty() { Ok(()) } else { Err(RunError::Failed(reasons)) }
-}
-
-/// Last first, so that the next is popped.
-fn sorted(injections: &[Injection]) -> Vec<Injection> {
-    let mut sorted = injections.to_vec();
-    sorted.sort_by_key(|injection| std::cmp::Reverse(injection.after));
-    sorted
-}
-
 fn note(journal: &SharedJournal, kind: &str, fields: &Value) {
-    let fields: Map<String, Value> = fields.as_object().cloned().unwrap_or_default();
+    let fields = fields.as_object().cloned().unwrap_or_default();
     if let Err(error) = journal.lock().unwrap_or_else(PoisonError::into_inner).note(kind, fields) {
         tracing::error!("the journal cannot be written: {error}");
     }
@@ -139,22 +186,36 @@ struct Daemon<'a> {
 }
 
 impl Daemon<'_> {
-    fn serve(mut self, requests: &Receiver<Request>, strays: &Receiver<Report>) {
-        loop {
+    fn serve(mut self, requests: &Receiver<Request>, strays: &Receiver<Report>) -> Ending {
+        let restarts = self.manager.restarts().clone();
+        let ending = loop {
             let alarm =
                 self.pending.last().map_or_else(never, |next| after(next.after.saturating_sub(self.began.elapsed())));
             select! {
                 recv(requests) -> request => match request {
                     // Many reloads at once are one, and a stop among them wins.
-                    Ok(Request::Reload) if requests.try_iter().any(|other| other == Request::Stop) => break,
+                    Ok(Request::Reload) if requests.try_iter().any(|other| other == Request::Stop) => break Ending::Stopped,
                     Ok(Request::Reload) => self.reload(),
-                    Ok(Request::Stop) | Err(_) => break,
+                    Ok(Request::Status) => self.tell_status(),
+                    Ok(Request::Stop) | Err(_) => break Ending::Stopped,
+                },
+                recv(restarts) -> request => match request {
+                    // A stop always wins over a restart.
+                    Ok(_) if requests.try_iter().any(|other| other == Request::Stop) => break Ending::Stopped,
+                    Ok(request) => break Ending::Restart(request),
+                    // The fault manager ends when the last executor does: not before this loop.
+                    Err(_) => break Ending::Stopped,
                 },
                 recv(strays) -> report => report.iter().for_each(|report| self.blame(report)),
                 recv(alarm) -> _ => self.inject(),
             }
+        };
+        if let Ending::Restart(RestartRequest { reason }) = &ending {
+            tracing::error!("{reason}: the daemon ends in order and asks its supervisor for a restart");
+            note(&self.journal, "restart", &json!({"reason": reason}));
         }
         self.stop();
+        ending
     }
 
     /// Hands a fault on a plugin's thread to the slot that started it; one that the plugin started when it was loaded
@@ -173,15 +234,8 @@ impl Daemon<'_> {
     }
 
     fn inject(&mut self) {
-        let Some(Injection { slot, code, .. }) = self.pending.pop() else { return };
-        let Some(placed) = self.system.slot(&slot) else {
-            tracing::warn!("no fault was provoked in slot {slot}: it is gone");
-            return;
-        };
-        match placed.executor.inject(placed.member, code, BOOT_STEP) {
-            Ok(true) => tracing::info!("fault {code} will be provoked in slot {slot}"),
-            Ok(false) => tracing::warn!("no fault was provoked in slot {slot}: it is not running"),
-            Err(stuck) => tracing::error!("no fault was provoked in slot {slot}: {stuck}"),
+        if let Some(injection) = self.pending.pop() {
+            drill::provoke(&injection, &self.system);
         }
     }
 
@@ -192,6 +246,7 @@ impl Daemon<'_> {
             .and_then(|loaded| reload(&mut self.system, &Arc::new(loaded.plan), &self.settings.plugins));
         match result {
             Ok(changes) => {
+                self.manager.restart_on_taint(self.system.plan.system.on_taint == OnTaint::Restart);
                 tracing::info!(
                     "reloaded: added [{}], changed [{}], removed [{}], {} not touched",
                     changes.added.join(", "),
@@ -214,21 +269,24 @@ impl Daemon<'_> {
         }
     }
 
+    fn tell_status(&self) {
+        let slots = self.system.slots.iter().map(|placed| status::of_slot(&placed.slot, placed.slot.status.state()));
+        let (slots, ledger): (Vec<Value>, _) = (slots.collect(), self.manager.ledger());
+        status::table(&slots, ledger).iter().for_each(|line| tracing::info!("{line}"));
+        note(&self.journal, "status", &json!({"slots": slots, "process": status::of_process(ledger)}));
+    }
+
     fn stop(self) {
         let ending = self.system.slots.iter().map(|placed| &placed.slot);
         let ending: Vec<_> = ending.map(|slot| (Arc::clone(slot), slot.status.state())).collect();
         shutdown(self.system);
-        self.manager.finish(SHUTDOWN_STEP);
+        let ledger = self.manager.finish(SHUTDOWN_STEP);
         // Counters with what the way out added, states as they were before it.
-        let slots: Vec<Value> = ending.iter().map(|(slot, state)| summary(slot, *state)).collect();
-        note(&self.journal, "stop", &json!({"slots": slots, "lost_threads": foreign::lost_threads()}));
+        let slots: Vec<Value> = ending.iter().map(|(slot, state)| status::of_slot(slot, *state)).collect();
+        note(&self.journal, "stop", &json!({"slots": slots, "process": status::of_process(ledger)}));
+        if ledger.tainted > 0 {
+            tracing::warn!("memory was suspect after {} faults of this run", ledger.tainted);
+        }
+        log_ring::flush(SHUTDOWN_STEP);
     }
-}
-
-fn summary(slot: &Slot, state: State) -> Value {
-    let status = &slot.status;
-    let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-    json!({"slot": slot.name, "class": status.class(), "state": state, "cycles": count(&status.cycles),
-        "missed": count(&status.missed), "faults": count(&status.faults),
-        "quarantined": count(&status.quarantined), "longest_ns": count(&status.longest_ns)})
 }

@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use framework_daemon::sys::thread::SignalStack;
+
 /// The daemon's own: a component that dies inside the C library's `malloc` takes that one's locks with it.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
@@ -12,6 +14,8 @@ const STACK_BYTES: usize = 8 << 20;
 /// All runs on another thread than the main one, so that nothing depends on the C library's main arena
 /// (`framework_daemon::sys::heap`).
 fn main() -> ExitCode {
+    // Signals from outside come to the main thread first, and plugins' handlers run here if they can.
+    let _stack = SignalStack::new();
     let daemon = std::thread::Builder::new().name("daemon".into()).stack_size(STACK_BYTES);
     let ended = daemon.spawn(framework_daemon::cli::main).map(std::thread::JoinHandle::join);
     ended.ok().and_then(Result::ok).unwrap_or(ExitCode::FAILURE)

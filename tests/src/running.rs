@@ -22,7 +22,7 @@ pub struct Running {
     child: Child,
     log: Arc<Mutex<String>>,
     journal: PathBuf,
-    _scratch: TempDir,
+    _scratch: Option<TempDir>,
 }
 
 impl Running {
@@ -32,7 +32,7 @@ impl Running {
     /// When it does not get ready.
     #[must_use]
     pub fn start(directory: &Path, arguments: &[&str]) -> Self {
-        Self::spawn(directory, arguments).until_ready()
+        Self::spawn(directory, arguments).ready()
     }
 
     /// As [`Self::start`], without a log: for runs that would fill it.
@@ -41,16 +41,20 @@ impl Running {
     /// When it does not get ready.
     #[must_use]
     pub fn start_silent(directory: &Path) -> Self {
-        Self::spawn_with(directory, &[], "off").until_ready()
+        Self::spawn_with(directory, &[], "off").ready()
     }
 
-    fn until_ready(self) -> Self {
-        let mut running = self;
-        while !running.log().contains("ready: ") {
-            assert!(running.is_alive(), "it ended before it was ready; the log:\n{}", running.log());
+    /// Waits until it is ready.
+    ///
+    /// # Panics
+    /// When it does not get ready.
+    #[must_use]
+    pub fn ready(mut self) -> Self {
+        while !self.log().contains("ready: ") {
+            assert!(self.is_alive(), "it ended before it was ready; the log:\n{}", self.log());
             thread::sleep(Duration::from_millis(5));
         }
-        running
+        self
     }
 
     /// Runs a profile directory without waiting.
@@ -64,7 +68,21 @@ impl Running {
 
     fn spawn_with(directory: &Path, arguments: &[&str], log: &str) -> Self {
         let scratch = TempDir::new().expect("a temporary directory");
-        let journal = scratch.path().join("journal.jsonl");
+        let mut running = Self::launch(&scratch.path().join("journal.jsonl"), directory, arguments, log);
+        running._scratch = Some(scratch);
+        running
+    }
+
+    /// As [`Self::spawn`], on a journal that others wrote into.
+    ///
+    /// # Panics
+    /// When the binary cannot be started.
+    #[must_use]
+    pub fn spawn_on(journal: &Path, directory: &Path, arguments: &[&str]) -> Self {
+        Self::launch(journal, directory, arguments, "info")
+    }
+
+    fn launch(journal: &Path, directory: &Path, arguments: &[&str], log: &str) -> Self {
         let mut child = Command::new(daemon_binary())
             .arg("run")
             .arg(directory)
@@ -80,7 +98,7 @@ impl Running {
         let log = Arc::new(Mutex::new(String::new()));
         collect(child.stdout.take().expect("stdout is piped"), &log);
         collect(child.stderr.take().expect("stderr is piped"), &log);
-        Self { child, log, journal, _scratch: scratch }
+        Self { child, log, journal: journal.to_owned(), _scratch: None }
     }
 
     /// Its process number.

@@ -108,6 +108,18 @@ fn a_stop_wins_over_a_recovery_that_breathes() {
     assert_eq!(slots[0]["state"], "error");
 }
 
+#[test]
+fn a_slot_that_stopped_keeps_no_spares() {
+    let profiles = heirs(&[("from", "100"), ("until", "100")], "<reset limit=\"1\"/><spare count=\"2\"/>");
+    let inject = ["--inject", "heir:crash.segv@0.2", "--inject", "heir:crash.segv@0.4"];
+    let mut daemon = Running::start(profiles.path(), &inject);
+    let faults = daemon.journal("fault", 2);
+    assert_eq!(faults[1]["outcome"], "stopped");
+    daemon.wait_for_lines("ends", 2);
+    daemon.stop();
+    assert_eq!(numbers(&daemon, "ends").len(), numbers(&daemon, "is ready").len() - 2);
+}
+
 /// A slot that keeps numbers, with a checkpoint or without.
 fn keeper(properties: &str, rules: &str) -> Profiles {
     let rules = format!(

@@ -21,8 +21,11 @@ fn run_unheard(stdout: Stdio, stderr: Stdio) -> (Option<i32>, String) {
     command.arg("run").arg(profiles.path()).arg("--plugins").arg(plugin_dir()).arg("--journal").arg(&journal);
     for number in 1..=9 {
         command.arg("--inject").arg(format!("diary:crash.segv@0.{number}"));
+        command.arg("--inject").arg(format!("diary:crash.panic@0.{number}5"));
     }
-    let mut child = command.stdout(stdout).stderr(stderr).env("RUST_LOG", "trace").spawn().unwrap();
+    // A backtrace that somebody asked for must not be looked up on the way of a recovery.
+    command.env("RUST_LOG", "trace").env("RUST_BACKTRACE", "full");
+    let mut child = command.stdout(stdout).stderr(stderr).spawn().unwrap();
     // A pipe that was made by `Stdio::piped` is held by the child's handle and never read.
     let began = Instant::now();
     let faults = || std::fs::read_to_string(&journal).unwrap_or_default().matches("crash.segv").count();

@@ -1,5 +1,6 @@
 //! What a component does to the process that it runs in, and on threads of its own: contained, blamed on the right slot,
 //! answered by its rules. The others go on.
+#![allow(unsafe_code, reason = "a system that permits no filters")]
 
 use tests::profiles::{Profiles, application, plugin_dir, slot};
 use tests::running::Running;
@@ -85,6 +86,34 @@ fn system_calls_past_the_c_library_are_stopped() {
     contained("asm signal stack", "crash.stack");
 }
 
+/// From now on this thread and what it starts may set no filter.
+fn refuse_filters() {
+    let step = |code: u32, jt: u8, k: u32| libc::sock_filter { code: code as u16, jt, jf: 0, k };
+    let filter = [
+        step(libc::BPF_LD | libc::BPF_W | libc::BPF_ABS, 0, 0),
+        step(libc::BPF_JMP | libc::BPF_JEQ | libc::BPF_K, 1, libc::SYS_seccomp as u32),
+        step(libc::BPF_RET | libc::BPF_K, 0, libc::SECCOMP_RET_ALLOW),
+        step(libc::BPF_RET | libc::BPF_K, 0, libc::SECCOMP_RET_ERRNO | libc::EPERM as u32),
+    ];
+    let program = libc::sock_fprog { len: 4, filter: filter.as_ptr().cast_mut() };
+    // SAFETY: the kernel reads the program during the call.
+    let refused = unsafe {
+        libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
+        libc::syscall(libc::SYS_seccomp, libc::SECCOMP_SET_MODE_FILTER, 0, &raw const program)
+    };
+    assert_eq!(refused, 0, "{}", std::io::Error::last_os_error());
+}
+
+#[test]
+fn where_no_filter_is_permitted_the_log_says_so_and_all_else_is_contained() {
+    refuse_filters();
+    contained("exit", "crash.exit");
+    contained("thread null", "crash.segv");
+    let mut daemon = Running::start(culprit("syscall exit_group").path(), &[]);
+    daemon.wait_for("allow `seccomp` and `no_new_privs`");
+    assert_eq!(daemon.wait().code(), Some(0), "what is left");
+}
+
 #[test]
 fn a_trap_on_another_stack_is_the_callbacks() {
     contained("asm own stack", "crash.segv");
@@ -110,6 +139,14 @@ fn a_components_own_thread_cannot_end_the_process() {
 }
 
 #[test]
+fn a_components_own_signal_handler_ends_alone_on_whatever_thread() {
+    contained("own handler null", "crash.segv");
+    contained("own handler null elsewhere", "crash.segv");
+    contained("own handler abort", "crash.abort");
+    contained("own handler exit", "crash.exit");
+}
+
+#[test]
 fn a_panic_on_a_components_own_thread_is_told_with_its_place() {
     contained("thread panic", "crash.panic");
     contained("thread double panic", "crash.abort");
@@ -121,7 +158,8 @@ fn a_panic_on_a_components_own_thread_is_told_with_its_place() {
 
 #[test]
 fn children_live_and_end_as_they_like() {
-    for deed in ["child", "forked child", "child that is not there", "child that kills itself"] {
+    for deed in ["child", "forked child", "child that is not there", "child that kills itself", "child that comes back"]
+    {
         allowed(deed);
     }
 }

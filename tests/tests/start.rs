@@ -63,9 +63,9 @@ fn a_second_signal_leaves_at_once() {
 }
 
 #[test]
-fn an_unknown_slot_to_inject_into_is_named() {
+fn an_unknown_slot_to_inject_into_is_wrong_usage() {
     let profiles = Profiles::new(&application(&[slot("diary", "Diary", "")], &[]));
     let mut daemon = Running::spawn(profiles.path(), &["--inject", "dairy:crash.segv@1"]);
-    assert_eq!(daemon.wait().code(), Some(1));
+    assert_eq!(daemon.wait().code(), Some(2));
     daemon.wait_for("there is no slot `dairy`; there are: diary");
 }

@@ -6,7 +6,7 @@
 use std::sync::atomic::{AtomicPtr, Ordering};
 
 use abi_stable::StableAbi;
-use abi_stable::std_types::RStr;
+use abi_stable::std_types::{RSlice, RStr};
 
 use super::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 
@@ -38,6 +38,8 @@ pub struct HostApi {
     pub give_back: extern "C" fn(port: PortHandle, value: *mut u8),
     /// Reads an input port; what is returned stays valid until the next read of this port.
     pub read: extern "C" fn(port: PortHandle, mode: ReadMode) -> ReadResult,
+    /// Bytes that are written to a descriptor when the process dies; none: no longer.
+    pub safe_output: extern "C" fn(fd: i32, bytes: RSlice<'_, u8>),
 }
 
 static HOST: AtomicPtr<HostApi> = AtomicPtr::new(std::ptr::null_mut());
@@ -68,10 +70,11 @@ static DETACHED: HostApi = HostApi {
     publish: detached::publish,
     give_back: detached::give_back,
     read: detached::read,
+    safe_output: detached::safe_output,
 };
 
 mod detached {
-    use super::{LoanResult, PortHandle, RStr, ReadMode, ReadResult};
+    use super::{LoanResult, PortHandle, RSlice, RStr, ReadMode, ReadResult};
 
     pub(super) extern "C" fn clock() -> u64 {
         0
@@ -91,4 +94,5 @@ mod detached {
     pub(super) extern "C" fn read(_: PortHandle, _: ReadMode) -> ReadResult {
         ReadResult::NONE
     }
+    pub(super) extern "C" fn safe_output(_: i32, _: RSlice<'_, u8>) {}
 }

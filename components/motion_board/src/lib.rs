@@ -56,15 +56,15 @@ impl Callbacks for MotionBoard {
 
     fn stop(&mut self, cx: &mut Context<'_>) -> Outcome {
         // A line that is lost cannot be told; the board stops by itself then.
-        let Some(mut link) = self.link.take() else { return Ok(()) };
+        let Some(mut link) = self.close(cx) else { return Ok(()) };
         if link.damaged() > 0 {
             warn!(cx, "{} frames were damaged on the line; check cable and `baud`", link.damaged());
         }
         Ok(link.drive(0.0, 0.0)?)
     }
 
-    fn reset(&mut self, _: &mut Context<'_>) -> Outcome {
-        self.link = None;
+    fn reset(&mut self, cx: &mut Context<'_>) -> Outcome {
+        self.close(cx);
         Ok(())
     }
 }
@@ -72,12 +72,19 @@ impl Callbacks for MotionBoard {
 impl MotionBoard {
     fn open(&mut self, cx: &Context<'_>) -> io::Result<()> {
         if self.link.is_none() {
-            self.link = Some(Link::new(open_line(&self.device, self.baud)?));
+            let link = self.link.insert(Link::new(open_line(&self.device, self.baud)?));
+            // If the daemon itself dies, this stops the wheels sooner than the board's watchdog.
+            cx.safe_output(link.line(), &link::neutral());
             self.clock = BoardClock::default();
             self.lost = false;
             info!(cx, "motion board opened at {}", self.device);
         }
         Ok(())
+    }
+
+    /// The link, which is ours no more.
+    fn close(&mut self, cx: &Context<'_>) -> Option<Link<TTYPort>> {
+        self.link.take().inspect(|link| cx.safe_output(link.line(), &[]))
     }
 
     /// Sends the newest command and passes on all telemetry that has come.
@@ -95,7 +102,7 @@ impl MotionBoard {
 
     /// The first loss is a fault; while it lasts, one attempt after the other is made quietly.
     fn lose(&mut self, cx: &Context<'_>, loss: &io::Error) -> Outcome {
-        self.link = None;
+        self.close(cx);
         if !std::mem::replace(&mut self.lost, true) {
             let device = &self.device;
             cx.raise_fault(&format!("no motion board at {device}: {loss}; check cable, power, property `device`"));

@@ -5,7 +5,7 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 
-use board_protocol::{Command, Decoder, Encoder, Telemetry, WheelVelocities};
+use board_protocol::{Command, Decoder, Encoder, Frame, Telemetry, WheelVelocities};
 
 /// Most bytes taken in one look: four times what the line can bring in 10 ms at 115200 baud.
 const BYTES_PER_LOOK: usize = 512;
@@ -22,6 +22,11 @@ impl<L: Read + Write> Link<L> {
     /// Speaks over `line`, whose reads and writes must return at once (`WouldBlock` or `TimedOut` when there is nothing to do).
     pub fn new(line: L) -> Self {
         Self { line, encoder: Encoder::new(), decoder: Decoder::new(), cut: 0 }
+    }
+
+    /// The line itself.
+    pub const fn line(&self) -> &L {
+        &self.line
     }
 
     /// Hands all telemetry that has come to `sink`.
@@ -45,8 +50,7 @@ impl<L: Read + Write> Link<L> {
     /// # Errors
     /// The line is lost. A full line is no error: the next command comes soon, and the board stops by itself without.
     pub fn drive(&mut self, left: f64, right: f64) -> io::Result<()> {
-        let speeds = WheelVelocities { left_rad_s: left as f32, right_rad_s: right as f32 };
-        let frame = self.encoder.encode(&Command::WheelVelocities(speeds));
+        let frame = command(&mut self.encoder, left, right);
         match self.line.write(&frame) {
             // A frame cut short fails its check sum at the board, like any other noise; the next one comes soon.
             Ok(count) => {
@@ -63,6 +67,17 @@ impl<L: Read + Write> Link<L> {
         let seen = self.decoder.counters();
         seen.checksum_errors.wrapping_add(seen.rejected).wrapping_add(self.cut)
     }
+}
+
+/// The command that stops the wheels, ready to send. Not the emergency stop: that stays latched, and whoever starts the
+/// daemon again could not drive on.
+#[must_use]
+pub fn neutral() -> Frame {
+    command(&mut Encoder::new(), 0.0, 0.0)
+}
+
+fn command(encoder: &mut Encoder, left: f64, right: f64) -> Frame {
+    encoder.encode(&Command::WheelVelocities(WheelVelocities { left_rad_s: left as f32, right_rad_s: right as f32 }))
 }
 
 fn nothing_now(error: io::Error) -> io::Result<()> {

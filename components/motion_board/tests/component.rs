@@ -91,6 +91,27 @@ fn commands_reach_the_board_and_stale_ones_become_neutral() {
 }
 
 #[test]
+fn the_stop_command_is_registered_while_the_line_is_open() {
+    let (_board, _device, name) = Board::new();
+    let mut bench = Bench::<MotionBoard>::with(&[("device", &name)]).expect("valid");
+    for _ in 0..2 {
+        execute(&mut bench);
+        let outputs = Bench::<MotionBoard>::safe_outputs();
+        assert_eq!(outputs.len(), 1);
+        let mut seen = Vec::new();
+        Decoder::<Command>::new().feed(&outputs[0].1, |command| seen.push(command));
+        assert_eq!(seen, [Command::WheelVelocities(NEUTRAL.unwrap())]);
+        bench.fail("something").expect("a reset closes the line");
+        assert!(Bench::<MotionBoard>::safe_outputs().is_empty());
+        // Long enough for the next attempt.
+        bench.advance(Duration::from_secs(1));
+    }
+    execute(&mut bench);
+    bench.stop().expect("the line is there");
+    assert!(Bench::<MotionBoard>::safe_outputs().is_empty());
+}
+
+#[test]
 fn telemetry_becomes_objects() {
     let (mut board, _device, name) = Board::new();
     let mut bench = Bench::<MotionBoard>::with(&[("device", &name)]).expect("valid");

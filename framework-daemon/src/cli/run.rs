@@ -8,15 +8,21 @@ use clap::Args;
 use component_sdk::abi::inject::{self, INJECTIONS};
 
 use super::exit_code::Exit;
-use crate::daemon::{self, Injection, RunError, Settings};
+use crate::daemon::{self, Ending, Injection, RunError, Settings};
 use crate::model::limits::SHUTDOWN_STEP;
 use crate::plugin::probe;
 use crate::sys::log_ring::{self, Lines};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --plugins target/release\n  \
      framework-daemon run profiles/navigation --inject avoider:crash.segv@5\n\n\
+     In place of a slot, `daemon` is the daemon itself (crash.segv, crash.abort, crash.panic): it writes the safe outputs of its\n     \
+     actuators and a crash record, and ends by the signal.\n\n\
      SIGHUP reloads the profiles, all or nothing. SIGTERM and SIGINT end in order; a second one leaves at once.\n\
+     SIGUSR1 writes the status of all slots into log and journal.\n\
      When all slots run, a line that begins with `ready` is printed.";
+
+/// Long enough for the log's thread to write what it has; short enough for motors that turn meanwhile.
+const PANIC_FLUSH: Duration = Duration::from_millis(20);
 
 /// Arguments of `run`.
 #[derive(Debug, Args)]
@@ -49,11 +55,15 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> io::Result<Exit> {
     let Arguments { directory, plugins, journal, inject } = arguments;
     let settings =
         Settings { directory, plugins, journal: journal.unwrap_or_else(default_journal), injections: inject };
+    abort_on_panic();
     let result = daemon::run(&settings, out);
     log_ring::flush(SHUTDOWN_STEP);
     let mut err = io::stderr();
     match result {
-        Ok(()) => Ok(Exit::Done),
+        Ok(Ending::Stopped) => Ok(Exit::Done),
+        // The log said why; whoever supervises it sees a failure and starts it again.
+        Ok(Ending::Restart(_)) => Ok(Exit::Failed),
+        Err(RunError::Usage(reasons)) => tell(&reasons, &mut err).map(|()| Exit::Usage),
         Err(RunError::Profiles(diagnostics)) => {
             diagnostics.iter().try_for_each(|diagnostic| writeln!(err, "{diagnostic}"))?;
             Ok(Exit::ProfileInvalid)
@@ -65,6 +75,15 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> io::Result<Exit> {
 
 fn tell(reasons: &[String], err: &mut impl Write) -> io::Result<()> {
     reasons.iter().try_for_each(|reason| writeln!(err, "{reason}"))
+}
+
+/// A panic of the daemon itself ends it, with its last words, instead of a thread that others wait for.
+fn abort_on_panic() {
+    std::panic::set_hook(Box::new(|info| {
+        tracing::error!("the daemon itself panicked: {info}");
+        log_ring::flush(PANIC_FLUSH);
+        std::process::abort();
+    }));
 }
 
 /// Log to stderr; `RUST_LOG` chooses what.

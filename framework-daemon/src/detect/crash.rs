@@ -41,7 +41,7 @@ mod tests {
         let trap = |signal, stack_overflow| Trap {
             stack_overflow,
             exited: signal == 0,
-            ..Trap::new(TrapEvidence { signal, address: 0, pc: 0, sp: 0 }, 0)
+            ..Trap::new(TrapEvidence::new(signal, 0, 0), 0)
         };
         let seen =
             [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGABRT].map(|s| of_trap(&trap(s, false)));

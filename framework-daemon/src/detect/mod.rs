@@ -6,5 +6,8 @@ pub mod crash;
 /// A callback that returned late.
 pub mod deadline;
 
+/// Whether memory may be damaged after a fault.
+pub mod taint;
+
 /// A value outside its range, and for how long.
 pub mod range;

@@ -4,15 +4,15 @@
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
 use super::unit::{Parts, Unit};
-use crate::detect::crash;
-use crate::model::fault::{Evidence, Fault, ShortText};
+use crate::detect::{crash, taint};
+use crate::model::fault::{Evidence, Fault, Memory, ShortText};
 use crate::model::symptom::Symptom;
 use crate::plugin::host;
 use crate::port::check;
 use crate::sys::clock;
 use crate::sys::fiber::FiberPool;
 use crate::sys::foreign::{Event, Owner};
-use crate::sys::trap::Trap;
+use crate::sys::trap::{Site, Trap};
 
 /// What a callback is entered with.
 #[derive(Clone, Copy)]
@@ -115,7 +115,7 @@ pub fn side_report() -> Option<Fault> {
     let (symptom, evidence) =
         raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
     let now = clock::now_ns();
-    Some(Fault { symptom, at_ns: now, detected_ns: now, injected: false, thread_lost: false, evidence })
+    Some(Fault::told(symptom, now, evidence))
 }
 
 fn guarded(
@@ -136,25 +136,30 @@ fn guarded(
 
 fn trapped(trap: &Trap) -> Fault {
     // Whatever the callback had told before it trapped is not the reason.
-    let injected = forget_notes();
+    let (injected, symptom) = (forget_notes(), crash::of_trap(trap));
     Fault {
-        symptom: crash::of_trap(trap),
+        symptom,
         at_ns: injected.unwrap_or(trap.at_ns),
         detected_ns: clock::now_ns(),
         injected: injected.is_some(),
         thread_lost: trap.thread_lost,
+        memory: taint::of_trap(symptom, trap),
         evidence: Evidence::Trap(trap.evidence),
     }
 }
 
 /// The fault of a thread that a component started; `None`: it only ended.
 pub(super) fn astray(event: &Event, at_ns: u64) -> Option<Fault> {
-    let (symptom, evidence) = match event {
-        Event::Trapped(trap) => (crash::of_trap(trap), Evidence::Trap(trap.evidence)),
-        Event::Panicked(evidence) => (Symptom::CrashPanic, *evidence),
+    let (symptom, evidence, memory, thread_lost) = match event {
+        // Elsewhere a lock may be held, and stays so.
+        Event::Trapped(trap) => {
+            let symptom = crash::of_trap(trap);
+            (symptom, Evidence::Trap(trap.evidence), taint::of_trap(symptom, trap), trap.site == Site::Elsewhere)
+        }
+        Event::Panicked(evidence) => (Symptom::CrashPanic, *evidence, Memory::Sound, false),
         Event::Ended => return None,
     };
-    Some(Fault { symptom, at_ns, detected_ns: clock::now_ns(), injected: false, thread_lost: false, evidence })
+    Some(Fault { at_ns, memory, thread_lost, ..Fault::told(symptom, clock::now_ns(), evidence) })
 }
 
 /// A fault that was told by a text: what the component noted, or `text` where it noted nothing.
@@ -168,12 +173,9 @@ pub(super) fn told(symptom: Symptom, text: &str) -> Fault {
     };
     let injected = forget_notes();
     Fault {
-        symptom,
         at_ns: injected.unwrap_or(detected_ns),
-        detected_ns,
         injected: injected.is_some(),
-        thread_lost: false,
-        evidence,
+        ..Fault::told(symptom, detected_ns, evidence)
     }
 }
 

@@ -299,6 +299,7 @@ impl Member {
             unit.close();
             self.clear(unit, crew);
         }
+        self.shelf.retire();
         Step::Stopped
     }
 
@@ -341,6 +342,7 @@ impl Member {
         mut record: Record,
         crew: &Crew,
     ) {
+        self.slot.status.count_taint(fault.memory);
         record.times.detected_ns = fault.detected_ns.saturating_sub(fault.at_ns);
         let event = FaultEvent {
             slot: self.slot.name,

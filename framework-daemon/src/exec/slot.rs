@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, AtomicUsize, Ordering};
 
+use crate::model::fault::Memory;
 use crate::model::lifecycle::State;
 use crate::port::border::PortEnd;
 use crate::port::input::InPort;
@@ -55,6 +56,8 @@ pub struct Status {
     pub faults: AtomicU64,
     /// Instances that are never entered again and never freed.
     pub quarantined: AtomicU64,
+    /// Faults after which memory may be damaged.
+    pub tainted: AtomicU64,
     /// Longest `on_execute` in nanoseconds.
     pub longest_ns: AtomicU64,
 }
@@ -71,6 +74,7 @@ impl Status {
             missed: AtomicU64::new(0),
             faults: AtomicU64::new(0),
             quarantined: AtomicU64::new(0),
+            tainted: AtomicU64::new(0),
             longest_ns: AtomicU64::new(0),
         }
     }
@@ -95,6 +99,11 @@ impl Status {
     /// Sets the class, by its number.
     pub fn set_class(&self, number: usize) {
         self.class.store(number, Ordering::Release);
+    }
+
+    /// Counts a fault after which memory may be damaged, if it is one.
+    pub fn count_taint(&self, memory: Memory) {
+        self.tainted.fetch_add(u64::from(memory == Memory::Suspect), Ordering::Relaxed);
     }
 
     /// Counts one.

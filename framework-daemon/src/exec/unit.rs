@@ -77,14 +77,7 @@ impl Limits {
         let evidence = Evidence::Time { took_ns, budget_ns };
         // It happened when the budget was over.
         let at_ns = now - (took_ns - budget_ns);
-        Some(Fault {
-            symptom: Symptom::Overrun,
-            at_ns,
-            detected_ns: now,
-            injected: false,
-            thread_lost: false,
-            evidence,
-        })
+        Some(Fault { at_ns, ..Fault::told(Symptom::Overrun, now, evidence) })
     }
 
     /// Time in which that callback must return, in nanoseconds.

@@ -125,10 +125,15 @@ impl Shelf {
         }
     }
 
+    /// The slot stopped for good: what is ready for it is ended with the next order.
+    pub fn retire(&self) {
+        self.closed.store(true, Ordering::SeqCst);
+    }
+
     /// The slot ends: nothing is prepared for it any more; returns what was there. What is being prepared at this moment
     /// is ended by the workshop.
     pub fn close(&self) -> impl Iterator<Item = Unit> {
-        self.closed.store(true, Ordering::SeqCst);
+        self.retire();
         std::iter::from_fn(|| self.cleared.pop().or_else(|| self.ready.pop()))
     }
 
@@ -280,11 +285,11 @@ impl Worker {
         }
     }
 
-    /// Spares of a class that is not in use any more.
+    /// Spares of a class, or of a slot, that is not in use any more.
     fn clear_outdated(&mut self, shelf: &Shelf) {
         for _ in 0..shelf.ready.len() {
             let Some(unit) = shelf.ready.pop() else { return };
-            if unit.recipe == shelf.in_use.load(Ordering::Acquire) {
+            if unit.recipe == shelf.in_use.load(Ordering::Acquire) && !shelf.is_closed() {
                 put_back(&mut self.crew, shelf, unit);
             } else {
                 self.crew.end(&shelf.slot, unit);
@@ -320,6 +325,7 @@ impl Worker {
     /// A spare that fails is a fault of its slot, though the slot works on.
     fn tell(&self, shelf: &Shelf, number: usize, fault: Fault) {
         Status::count(&shelf.slot.status.faults);
+        shelf.slot.status.count_taint(fault.memory);
         let event = FaultEvent {
             slot: shelf.slot.name,
             class: shelf.recipe(number).class_name,

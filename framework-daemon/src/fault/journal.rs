@@ -5,6 +5,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
+use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -12,7 +13,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use crate::model::fault::FaultEvent;
+use crate::model::fault::{Evidence, FaultEvent};
+use crate::plugin::symbols::Origin;
 use crate::sys::clock;
 
 /// An open journal.
@@ -23,6 +25,7 @@ pub struct Journal {
     sequence: u64,
     /// The last line is incomplete: the next one must not be glued to it.
     torn: bool,
+    last: Option<Value>,
 }
 
 impl Journal {
@@ -39,8 +42,9 @@ impl Journal {
         if !file.metadata()?.is_file() {
             return Err(io::Error::other("it is no regular file: name a file with --journal FILE"));
         }
-        let torn = !ends_with_newline(&file)?;
-        Ok(Self { file, path: path.to_owned(), sequence: 0, torn })
+        let tail = tail(&file)?;
+        let torn = !tail.is_empty() && !tail.ends_with('\n');
+        Ok(Self { file, path: path.to_owned(), sequence: 0, torn, last: last_line(&tail) })
     }
 
     /// Where it is.
@@ -49,15 +53,28 @@ impl Journal {
         &self.path
     }
 
+    /// What the last run wrote last; `None`: nothing, or it is damaged.
+    #[must_use]
+    pub const fn last(&self) -> Option<&Value> {
+        self.last.as_ref()
+    }
+
     /// Writes a fault.
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn fault(&mut self, event: &FaultEvent) -> io::Result<()> {
+    pub fn fault(&mut self, event: &FaultEvent, origin: &Origin) -> io::Result<()> {
         #[derive(Serialize)]
         struct Diagnosis<'a> {
             faulty: &'a str,
             severity: crate::model::symptom::Severity,
+        }
+        #[derive(Serialize)]
+        struct Found<'a> {
+            #[serde(flatten)]
+            evidence: &'a Evidence,
+            #[serde(flatten)]
+            origin: &'a Origin,
         }
         let mut line = Map::new();
         line.insert("slot".into(), event.slot.into());
@@ -65,7 +82,8 @@ impl Journal {
         line.insert("symptom".into(), event.fault.symptom.name().into());
         line.insert("injected".into(), event.fault.injected.into());
         line.insert("thread_lost".into(), event.fault.thread_lost.into());
-        line.insert("evidence".into(), to_value(&event.fault.evidence)?);
+        line.insert("memory".into(), to_value(&event.fault.memory)?);
+        line.insert("evidence".into(), to_value(&Found { evidence: &event.fault.evidence, origin })?);
         line.insert("diagnosis".into(), to_value(&Diagnosis { faulty: event.slot, severity: event.severity })?);
         line.insert("action".into(), to_value(&event.answer)?);
         line.insert("successor".into(), event.successor.map_or(Value::Null, Value::from));
@@ -103,11 +121,26 @@ impl Journal {
     }
 }
 
-fn ends_with_newline(file: &File) -> io::Result<bool> {
+/// More than any line has.
+const TAIL_BYTES: u64 = 64 << 10;
+
+/// The end of the file.
+fn tail(file: &File) -> io::Result<String> {
     let len = file.metadata()?.len();
-    let mut last = [0];
-    let read = if len == 0 { 0 } else { file.read_at(&mut last, len - 1)? };
-    Ok(read == 0 || last == *b"\n")
+    let start = len.saturating_sub(TAIL_BYTES);
+    let mut tail = vec![0; (len - start) as usize];
+    let read = file.read_at(&mut tail, start)?;
+    Ok(String::from_utf8_lossy(&tail[..read]).into_owned())
+}
+
+fn last_line(tail: &str) -> Option<Value> {
+    tail.split_inclusive('\n').rfind(|line| line.ends_with('\n')).and_then(unseal)
+}
+
+impl AsFd for Journal {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.file.as_fd()
+    }
 }
 
 fn to_value(value: &impl Serialize) -> io::Result<Value> {
@@ -162,6 +195,7 @@ mod tests {
         Journal::open(&path).unwrap().note("start", Map::new()).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         assert!(unseal(text.lines().last().unwrap()).is_some(), "{text}");
+        assert_eq!(Journal::open(&path).unwrap().last().unwrap()["kind"], "start");
         assert!(Journal::open(directory.path()).is_err());
     }
 

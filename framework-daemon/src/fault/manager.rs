@@ -1,23 +1,38 @@
-//! The loop: take an event, write it down, tell it. An ordinary thread: recovery never waits for it.
+//! The loop: take an event, find its place in the code, write it down, tell it, count it. An ordinary thread: recovery never
+//! waits for it.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crossbeam_channel::Receiver;
+use crossbeam_channel::{Receiver, Sender};
 use serde_json::Map;
 
 use super::journal::Journal;
+use super::ledger::{Ledger, Verdict};
 use crate::exec::recover::lost_events;
-use crate::model::fault::{FaultEvent, FaultSender, Outcome};
+use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Memory, Outcome, RestartRequest};
 use crate::model::limits::FAULT_EVENTS;
+use crate::plugin::symbols::{Origin, Symbols};
+use crate::sys::thread;
 
 /// The journal, shared with those who note starts, reloads and stops.
 pub type SharedJournal = Arc<Mutex<Journal>>;
 
-/// The fault manager's thread.
+/// The fault manager's thread, and what it shares with the main loop.
 #[derive(Debug)]
-pub struct Manager(JoinHandle<()>);
+pub struct Manager {
+    thread: JoinHandle<()>,
+    restarts: Receiver<RestartRequest>,
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    restart_on_taint: AtomicBool,
+    ledger: Mutex<Ledger>,
+}
 
 /// Starts the fault manager; returns it and where executors put their events.
 ///
@@ -25,42 +40,93 @@ pub struct Manager(JoinHandle<()>);
 /// When the system has no thread left.
 pub fn start(journal: SharedJournal) -> std::io::Result<(Manager, FaultSender)> {
     let (sender, inbox) = crossbeam_channel::bounded(FAULT_EVENTS);
-    let thread = std::thread::Builder::new().name("fault-manager".into()).spawn(move || run(&inbox, &journal))?;
-    Ok((Manager(thread), sender))
+    // One request is enough: the main loop ends at the first.
+    let (asks, restarts) = crossbeam_channel::bounded(1);
+    let shared = Arc::new(Shared::default());
+    let mut desk = Desk { journal, asks, shared: Arc::clone(&shared), symbols: Symbols::default(), lost: 0 };
+    let run = move || inbox.iter().for_each(|event| desk.take(&event));
+    let thread = thread::spawn("fault-manager", run)?;
+    Ok((Manager { thread, restarts, shared }, sender))
 }
 
 impl Manager {
     /// Waits until all events are written: until every executor is gone, but no longer than `limit`, because one that hangs
-    /// in a callback never goes.
-    pub fn finish(self, limit: Duration) {
+    /// in a callback never goes. Returns what faults have cost.
+    pub fn finish(self, limit: Duration) -> Ledger {
         let began = Instant::now();
-        while !self.0.is_finished() && began.elapsed() < limit {
+        while !self.thread.is_finished() && began.elapsed() < limit {
             std::thread::sleep(Duration::from_millis(1));
         }
+        self.ledger()
+    }
+
+    /// Where requests for a restart come.
+    #[must_use]
+    pub const fn restarts(&self) -> &Receiver<RestartRequest> {
+        &self.restarts
+    }
+
+    /// From now on suspect memory asks for a restart, or no longer.
+    pub fn restart_on_taint(&self, wanted: bool) {
+        self.shared.restart_on_taint.store(wanted, Ordering::Relaxed);
+    }
+
+    /// What faults have cost so far.
+    #[must_use]
+    pub fn ledger(&self) -> Ledger {
+        *self.shared.ledger.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-fn run(inbox: &Receiver<FaultEvent>, journal: &SharedJournal) {
-    let mut lost = 0;
-    for event in inbox {
-        let now_lost = lost_events();
-        if now_lost > lost {
-            tracing::error!("{} faults came faster than they could be written down", now_lost - lost);
-            let count = Map::from_iter([("count".into(), (now_lost - lost).into())]);
-            let _ = journal.lock().unwrap_or_else(PoisonError::into_inner).note("lost", count);
-            lost = now_lost;
-        }
-        if let Err(error) = journal.lock().unwrap_or_else(PoisonError::into_inner).fault(&event) {
+/// The thread's side.
+struct Desk {
+    journal: SharedJournal,
+    asks: Sender<RestartRequest>,
+    shared: Arc<Shared>,
+    symbols: Symbols,
+    lost: u64,
+}
+
+impl Desk {
+    fn take(&mut self, event: &FaultEvent) {
+        self.note_lost();
+        let origin = match &event.fault.evidence {
+            Evidence::Trap(trap) => self.symbols.origin(trap),
+            _ => Origin::default(),
+        };
+        if let Err(error) = self.journal.lock().unwrap_or_else(PoisonError::into_inner).fault(event, &origin) {
             tracing::error!("the journal cannot be written: {error}");
         }
-        tell(&event);
+        tell(event, &origin);
+        self.enter(event);
+    }
+
+    fn note_lost(&mut self) {
+        let (now, before) = (lost_events(), self.lost);
+        if now > before {
+            tracing::error!("{} faults came faster than they could be written down", now - before);
+            let count = Map::from_iter([("count".into(), (now - before).into())]);
+            let _ = self.journal.lock().unwrap_or_else(PoisonError::into_inner).note("lost", count);
+            self.lost = now;
+        }
+    }
+
+    fn enter(&self, event: &FaultEvent) {
+        let on_taint = self.shared.restart_on_taint.load(Ordering::Relaxed);
+        let verdict = self.shared.ledger.lock().unwrap_or_else(PoisonError::into_inner).note(event, on_taint);
+        match verdict {
+            // A request waits already, or nobody listens any more: either way the daemon ends.
+            Some(Verdict::Restart(request)) => _ = self.asks.try_send(request),
+            Some(Verdict::Warn(text)) => tracing::warn!("{text}; beyond it the daemon asks for a restart"),
+            None => {}
+        }
     }
 }
 
-fn tell(event: &FaultEvent) {
+fn tell(event: &FaultEvent, origin: &Origin) {
     let FaultEvent { slot, class, fault, .. } = event;
     let symptom = fault.symptom.name();
-    let message = fault.evidence.text();
+    let message = describe(fault, origin);
     match event.outcome {
         Outcome::Recovered => {
             let took = event.times.first_callback_ns.unwrap_or_default() as f64 / 1e3;
@@ -74,6 +140,24 @@ fn tell(event: &FaultEvent) {
         Outcome::Failed => tracing::error!("slot {slot} ({class}): {symptom}: {message}; its {} failed", action(event)),
         Outcome::Ignored => tracing::info!("slot {slot} ({class}): {symptom}: {message}; ignored, as its rules say"),
     }
+}
+
+/// What happened, in words: `SIGSEGV at 0x8 in ticker::step+0x12 (libticker.so), memory suspect`.
+fn describe(fault: &Fault, origin: &Origin) -> String {
+    let mut text = fault.evidence.text().to_owned();
+    if let Evidence::Trap(trap) = &fault.evidence
+        && trap.signal != libc::SIGABRT
+    {
+        text.push_str(&format!(" at {:#x}", trap.address));
+    }
+    let places = [("in", origin.at.as_ref().map(ToString::to_string)), ("called by", origin.caller.clone())];
+    for (word, place) in places {
+        text.extend(place.map(|place| format!(" {word} {place}")));
+    }
+    if fault.memory == Memory::Suspect {
+        text.push_str(", memory suspect");
+    }
+    text
 }
 
 fn action(event: &FaultEvent) -> &'static str {

@@ -8,7 +8,8 @@ use std::fmt;
 use serde::Serialize;
 
 use super::ladder::Answer;
-use super::limits::TEXT_BYTES;
+use super::limits::{STACK_WORDS, TEXT_BYTES};
+pub use super::registers::Registers;
 use super::symptom::{Severity, Symptom};
 
 /// A text of fixed size that cuts instead of growing.
@@ -25,13 +26,15 @@ impl ShortText {
     /// The text, cut at a character border.
     #[must_use]
     pub fn new(text: &str) -> Self {
-        let mut end = text.len().min(TEXT_BYTES);
-        while !text.is_char_boundary(end) {
-            end -= 1;
-        }
+        Self::of(format_args!("{text}"))
+    }
+
+    /// The formatted text, cut at a character border.
+    #[must_use]
+    pub fn of(text: fmt::Arguments<'_>) -> Self {
         let mut short = Self::EMPTY;
-        short.bytes[..end].copy_from_slice(&text.as_bytes()[..end]);
-        short.len = end as u16;
+        // It never fails: it cuts.
+        let _ = fmt::write(&mut short, text);
         short
     }
 
@@ -39,6 +42,19 @@ impl ShortText {
     #[must_use]
     pub fn as_str(&self) -> &str {
         std::str::from_utf8(&self.bytes[..usize::from(self.len)]).unwrap_or_default()
+    }
+}
+
+impl fmt::Write for ShortText {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let start = usize::from(self.len);
+        let mut end = text.len().min(TEXT_BYTES - start);
+        while !text.is_char_boundary(end) {
+            end -= 1;
+        }
+        self.bytes[start..start + end].copy_from_slice(&text.as_bytes()[..end]);
+        self.len += end as u16;
+        Ok(())
     }
 }
 
@@ -68,8 +84,37 @@ pub struct Fault {
     pub injected: bool,
     /// The callback's thread was given up; another one runs the executor now.
     pub thread_lost: bool,
+    /// Whether memory may be damaged.
+    pub memory: Memory,
     /// What it rests on.
     pub evidence: Evidence,
+}
+
+impl Fault {
+    /// One that a component told of by itself, now.
+    #[must_use]
+    pub const fn told(symptom: Symptom, now_ns: u64, evidence: Evidence) -> Self {
+        Self {
+            symptom,
+            at_ns: now_ns,
+            detected_ns: now_ns,
+            injected: false,
+            thread_lost: false,
+            memory: Memory::Sound,
+            evidence,
+        }
+    }
+}
+
+/// What is presumed of the memory that a component shares with all others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Memory {
+    /// The fault was an ordinary bug.
+    #[default]
+    Sound,
+    /// Something may have been written where it does not belong.
+    Suspect,
 }
 
 /// What a symptom rests on.
@@ -117,12 +162,19 @@ pub enum Evidence {
 pub struct TrapEvidence {
     /// Signal number.
     pub signal: i32,
+    /// What caused it, as the kernel tells it in `si_code`.
+    pub code: i32,
     /// Address that was accessed, or that holds the instruction.
     pub address: u64,
     /// Program counter.
     pub pc: u64,
     /// Stack pointer.
     pub sp: u64,
+    /// The link register, where the processor has one, and the top of the stack: return addresses are among them.
+    #[serde(skip)]
+    pub stack: [u64; STACK_WORDS],
+    /// The other registers.
+    pub registers: Registers,
 }
 
 impl Evidence {
@@ -139,6 +191,12 @@ impl Evidence {
 }
 
 impl TrapEvidence {
+    /// A signal and where it struck, without what a handler knows besides.
+    #[must_use]
+    pub const fn new(signal: i32, address: u64, pc: u64) -> Self {
+        Self { signal, code: 0, address, pc, sp: 0, stack: [0; STACK_WORDS], registers: Registers::UNKNOWN }
+    }
+
     /// `SIGSEGV` and kin.
     #[must_use]
     pub const fn signal_name(&self) -> &'static str {
@@ -205,6 +263,13 @@ pub struct FaultEvent {
     pub checkpoint_ns: Option<u64>,
     /// When.
     pub times: Times,
+}
+
+/// Asks the main loop to end in order, so that the daemon's supervisor starts it anew.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RestartRequest {
+    /// Why.
+    pub reason: String,
 }
 
 /// Where executors put fault events; the fault manager holds the other end. Bounded: what does not fit is counted.

@@ -87,6 +87,8 @@ pub const SPARE_PAUSE_MAX: Duration = Duration::from_secs(10);
 pub const PLUGIN_FILE_BYTES: u64 = 1 << 30;
 /// Ranges of machine code that are told apart: one for each loaded plugin and library.
 pub const TEXTS: usize = 1_024;
+/// Largest file whose symbols are read for the evidence of a fault.
+pub const SYMBOL_FILE_BYTES: u64 = 256 << 20;
 /// Address space of a fiber's stack where the profile says nothing; only touched pages take memory.
 pub const STACK_BYTES: usize = 1 << 20;
 /// Alternate signal stack of each guarded thread; AVX-512 frames are large.
@@ -95,8 +97,19 @@ pub const SIGNAL_STACK_BYTES: usize = 64 << 10;
 pub const STACK_OVERFLOW_REACH_BYTES: usize = 64 << 10;
 /// Faults on threads of plugins waiting to be passed on.
 pub const FOREIGN_REPORTS: usize = 256;
+/// Words kept of the top of a trap's stack: those of the C library's functions between the trap and the plugin. No more than
+/// other evidence takes anyway.
+pub const STACK_WORDS: usize = 64;
+/// Addresses below are those of nothing, plus the offset of a field.
+pub const NULL_PAGE_BYTES: u64 = 64 << 10;
 /// Longest panic message, error text or log record kept, in bytes.
 pub const TEXT_BYTES: usize = 400;
+/// Safe outputs of a process.
+pub const SAFE_OUTPUTS: usize = 64;
+/// Longest safe output.
+pub const SAFE_OUTPUT_BYTES: usize = 64;
+/// Longest time that a dying process waits until a device takes its safe output.
+pub const SAFE_OUTPUT_WAIT: Duration = Duration::from_millis(50);
 /// Log records of components waiting to be written.
 pub const LOG_RECORDS: usize = 1_024;
 /// Lines of the daemon's own log waiting to be written.
@@ -115,6 +128,8 @@ pub const BOOT_STEP: Duration = Duration::from_secs(10);
 pub const SCHEDULE_STACK_BYTES: usize = 256 << 10;
 /// Threads that may be given up before the daemon asks to be restarted; each leaves its stack and its heap behind.
 pub const LOST_THREADS_MAX: u64 = 512;
+/// Instances that may be given up before the daemon asks to be restarted; none of them is ever freed.
+pub const QUARANTINED_MAX: u64 = 1_000_000;
 /// Arenas of the C library's heap: more than there are threads.
 pub const ARENAS: i32 = 65_536;
 /// Threads that wait to take an executor over, for each schedule in use.
@@ -159,4 +174,6 @@ const _: () = assert!(PERIOD_MIN.as_nanos() < DURATION_MAX.as_nanos());
 const _: () = assert!(STACK_MIN_BYTES <= STACK_BYTES && STACK_BYTES <= STACK_MAX_BYTES);
 const _: () = assert!(HANG_AT_START.as_nanos() < BOOT_STEP.as_nanos(), "a hang is told before the boot is given up");
 const _: () = assert!(HANG_AT_STOP.as_nanos() < SHUTDOWN_STEP.as_nanos());
+const _: () = assert!(SAFE_OUTPUT_BYTES == component_sdk::context::SAFE_OUTPUT_LIMIT);
+const _: () = assert!(SAFE_OUTPUT_BYTES.is_multiple_of(8), "kept in words");
 const _: () = assert!(TEXT_BYTES >= component_sdk::context::TEXT_LIMIT && TEXT_BYTES <= u16::MAX as usize);

@@ -15,6 +15,9 @@ pub mod limits;
 /// Interned names.
 pub mod names;
 
+/// A processor's registers at a trap.
+pub mod registers;
+
 /// How the operating system schedules a thread.
 pub mod schedule;
 

@@ -5,12 +5,12 @@
 
 use std::cell::Cell;
 
-use abi_stable::std_types::RStr;
+use abi_stable::std_types::{RSlice, RStr};
 
 use crate::model::fault::{Evidence, ShortText};
-use crate::model::limits::REGIONS_PER_CALLBACK;
+use crate::model::limits::{REGIONS_PER_CALLBACK, SAFE_OUTPUT_BYTES};
 use crate::sys::foreign::{self, Owner};
-use crate::sys::{clock, log_ring, shield};
+use crate::sys::{clock, log_ring, safe_outputs, shield};
 
 /// A panic as the plugin's hook saw it.
 #[derive(Clone, Copy)]
@@ -163,5 +163,14 @@ pub extern "C" fn critical(name: RStr<'_>, address: *mut u8, len: usize) {
             foreign::owner().slot,
             "too many critical regions in one callback: one is not in the checkpoint",
         );
+    }
+}
+
+/// [`component_sdk::abi::host::HostApi::safe_output`].
+pub extern "C" fn safe_output(fd: i32, bytes: RSlice<'_, u8>) {
+    let (mut copy, len) = ([0; SAFE_OUTPUT_BYTES + 1], bytes.len().min(SAFE_OUTPUT_BYTES + 1));
+    copy[..len].copy_from_slice(&bytes.as_slice()[..len]);
+    if let Err(refused) = safe_outputs::set(fd, &copy[..len]) {
+        log_ring::put(1, foreign::owner().slot, ShortText::of(format_args!("{refused}")).as_str());
     }
 }

@@ -21,4 +21,7 @@ pub mod probe;
 /// Private copy, `dlopen`, root module; never `dlclose`.
 pub mod library;
 
+/// Which function an address lies in.
+pub mod symbols;
+
 pub use library::{Class, Plugin};

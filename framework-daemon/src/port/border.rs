@@ -107,6 +107,7 @@ pub static HOST: HostApi = HostApi {
     publish,
     give_back,
     read,
+    safe_output: host::safe_output,
 };
 
 /// What a handle leads to.

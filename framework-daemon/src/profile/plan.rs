@@ -75,7 +75,7 @@ pub struct SystemPlan {
     pub dependencies: Vec<ApplicationDependencyPlan>,
     /// Slots that get the emergency stop, in order (not active yet).
     pub emergency: Vec<String>,
-    /// What to do when shared memory may be damaged (`restart` is not active yet).
+    /// What to do when shared memory may be damaged.
     pub on_taint: OnTaint,
 }
 

@@ -35,7 +35,7 @@ pub fn read(root: &Element, path: &Path, report: &mut Reporter) -> SystemProfile
         nodes: nodes(root, report),
         dependencies: Vec::new(),
         emergency: Vec::new(),
-        on_taint: on_taint(root, report),
+        on_taint: on_taint(root),
     };
     let dependencies = root.children_of("dependency").map(|element| dependency(element, "application", report));
     SystemProfile { plan, application_dependencies: dependencies.collect(), actuators: actuators(root, report) }
@@ -108,12 +108,8 @@ fn nodes(root: &Element, report: &mut Reporter) -> Vec<NodePlan> {
     all
 }
 
-fn on_taint(root: &Element, report: &mut Reporter) -> OnTaint {
-    let Some(attribute) = root.attribute("on_taint").filter(|attribute| attribute.value == "restart") else {
-        return OnTaint::Continue;
-    };
-    report.not_active(attribute.value_span, "on_taint=\"restart\"");
-    OnTaint::Restart
+fn on_taint(root: &Element) -> OnTaint {
+    if root.value_of("on_taint") == "restart" { OnTaint::Restart } else { OnTaint::Continue }
 }
 
 fn actuators(root: &Element, report: &mut Reporter) -> Vec<Word> {

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::blueprint::{Blueprint, draw, texts};
 use super::catalogue::Catalogue;
@@ -39,13 +40,26 @@ pub enum BootError {
 /// Everything that is wrong with its plugins and connections at once; or the first component that cannot be
 /// initialised. Nothing runs then.
 pub fn boot(plan: Arc<Plan>, extra: &[PathBuf], faults: FaultSender) -> Result<System, BootError> {
+    boot_unless(&AtomicBool::new(false), plan, extra, faults)
+}
+
+/// Brings a system up, unless it is given up between two steps.
+///
+/// # Errors
+/// As [`boot`].
+pub fn boot_unless(
+    given_up: &AtomicBool,
+    plan: Arc<Plan>,
+    extra: &[PathBuf],
+    faults: FaultSender,
+) -> Result<System, BootError> {
     let catalogue = Catalogue::default().in_directories(directories(&plan, extra));
     let workshop = Workshop::start(faults.clone());
     let workshop = workshop.map_err(|error| BootError::Failed(vec![format!("workshop: no thread: {error}")]))?;
     let mut system = System { plan, executors: HashMap::new(), slots: Vec::new(), catalogue, workshop, faults };
     let plan = Arc::clone(&system.plan);
     let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;
-    match bring_up(&mut system, blueprints) {
+    match bring_up(&mut system, blueprints, given_up) {
         Ok(()) => {
             // Ready means ready: the first fault finds its spare.
             system.workshop.settle(BOOT_STEP);
@@ -59,8 +73,13 @@ pub fn boot(plan: Arc<Plan>, extra: &[PathBuf], faults: FaultSender) -> Result<S
     }
 }
 
-fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>) -> Result<(), BootError> {
+fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>, given_up: &AtomicBool) -> Result<(), BootError> {
+    let go_on = || match given_up.load(Ordering::Relaxed) {
+        true => Err(BootError::Failed(vec!["the boot was given up".to_owned()])),
+        false => Ok(()),
+    };
     for blueprint in blueprints {
+        go_on()?;
         let placed = place(system, blueprint).map_err(|reason| BootError::Failed(vec![reason]))?;
         system.slots.push(placed);
     }
@@ -68,6 +87,7 @@ fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>) -> Result<(), B
     let links = wiring::build(connections, &system.slots).map_err(BootError::Plugins)?;
     wiring::apply(links, &system.slots);
     rank(&system.slots, connections);
+    go_on()?;
     start(&system.slots).map_err(|reason| BootError::Failed(vec![reason]))
 }
 

@@ -104,7 +104,7 @@ fn keeper() -> std::io::Result<&'static Keeper> {
     });
     if first {
         watchdog::start()?;
-        std::thread::Builder::new().name("reserve-keeper".into()).spawn(keep)?;
+        thread::spawn("reserve-keeper", keep)?;
     }
     Ok(keeper)
 }

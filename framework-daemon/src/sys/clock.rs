@@ -1,5 +1,5 @@
 //! The monotonic clock, in nanoseconds. Wall time is for display only.
-#![allow(unsafe_code, reason = "address of unsafe: one system call")]
+#![allow(unsafe_code, reason = "address of unsafe: the clocks' system call")]
 
 /// `CLOCK_MONOTONIC` now. Async-signal-safe.
 #[must_use]
@@ -8,6 +8,15 @@ pub fn now_ns() -> u64 {
     // SAFETY: `time` is a valid place for the result; the clock exists on every Linux.
     unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut time) };
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+}
+
+/// Wall time now, for display. Async-signal-safe.
+#[must_use]
+pub fn wall() -> libc::timespec {
+    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: as in `now_ns`.
+    unsafe { libc::clock_gettime(libc::CLOCK_REALTIME, &raw mut time) };
+    time
 }
 
 /// Seconds and nanoseconds, for system calls.

@@ -16,6 +16,7 @@ use corosensei::{Coroutine, CoroutineResult};
 
 use super::carrier::{self, Lease};
 use super::pulse::Pulse;
+use super::shield;
 use super::stack::{self, OwnStack};
 use super::trap::{Armed, Trap};
 use crate::model::limits::TOUCHED_STACK_BYTES;
@@ -104,6 +105,7 @@ impl Fiber {
         let armed = self.core.armed.get();
         armed.inspect(|armed| armed.arm(deadline_ns));
         let result = self.coroutine.resume(());
+        shield::end_copy();
         armed.inspect(|armed| armed.disarm());
         match result {
             CoroutineResult::Yield(()) => Ended::Returned,

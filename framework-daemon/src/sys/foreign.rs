@@ -14,7 +14,7 @@ use crossbeam_channel::Receiver;
 use crossbeam_queue::ArrayQueue;
 use libc::c_void;
 
-use super::thread::SignalStack;
+use super::thread::{self, SignalStack};
 use super::trap::{Site, Trap};
 use super::wake::Waker;
 use super::{arch, clock, heap, shield, text};
@@ -106,7 +106,7 @@ struct Here {
     start: usize,
 }
 
-/// What a plugin's thread holds until its last destructor has run. The first to register one is the last to be called.
+/// What a thread holds until its last destructor has run. The first to register one is the last to be called.
 struct Guard(#[allow(dead_code, reason = "held for the kernel")] SignalStack);
 
 impl Drop for Guard {
@@ -161,6 +161,14 @@ impl Birth {
     }
 }
 
+/// Where a thread of the daemon begins.
+pub(super) extern "C-unwind" fn begin_own(birth: *mut c_void) -> *mut c_void {
+    // SAFETY: `pthread_create` passes what `Birth::new` made, to this thread only.
+    let Birth { start, argument, .. } = *unsafe { Box::from_raw(birth.cast::<Birth>()) };
+    GUARD.set(Some(Guard(SignalStack::untouched())));
+    start(argument)
+}
+
 /// Where a plugin's thread begins. No destructor waits in this frame: the thread may end by `pthread_exit`.
 pub(super) extern "C-unwind" fn begin(birth: *mut c_void) -> *mut c_void {
     // SAFETY: `pthread_create` passes what `Birth::new` made, to this thread only.
@@ -171,7 +179,9 @@ pub(super) extern "C-unwind" fn begin(birth: *mut c_void) -> *mut c_void {
     OWNER.set(owner);
     let top = (&raw const owner).addr();
     HERE.set(Some(Here { low: lower_end(), top, start: start as usize }));
-    start(argument)
+    let value = start(argument);
+    shield::end_copy();
+    value
 }
 
 /// Lower end of this thread's stack, its guard left out.
@@ -229,8 +239,8 @@ pub(super) fn struck(mut trap: Trap, context: &libc::ucontext_t) {
 
 /// This thread called what ends a process: `exit` and its kin, or `abort`. It alone ends.
 pub(super) fn leave(exited: bool) -> ! {
-    let evidence = TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 };
-    end(Trap { exited, site: Site::Plugin, ..Trap::new(evidence, clock::now_ns()) })
+    let evidence = TrapEvidence::new(libc::SIGABRT, 0, 0);
+    end(Trap { exited, asked: !exited, site: Site::Plugin, ..Trap::new(evidence, clock::now_ns()) })
 }
 
 fn end(trap: Trap) -> ! {
@@ -243,6 +253,11 @@ fn end(trap: Trap) -> ! {
     arch::exit_thread()
 }
 
+/// A plugin's signal handler failed on this thread, whoever's it is.
+pub(super) fn failed(owner: Owner, trap: Trap) {
+    report_for(owner, Event::Trapped(trap), trap.at_ns);
+}
+
 /// A panic on this thread, which a plugin started.
 pub fn panicked(evidence: Evidence) {
     PANICKED.set(true);
@@ -250,11 +265,15 @@ pub fn panicked(evidence: Evidence) {
 }
 
 fn report(event: Event, at_ns: u64) {
+    report_for(OWNER.get(), event, at_ns);
+}
+
+fn report_for(owner: Owner, event: Event, at_ns: u64) {
     let Some(post) = POST.get() else { return };
     // SAFETY: takes no memory.
     let thread = unsafe { libc::gettid() };
     let start = HERE.get().map_or(0, |here| here.start);
-    if post.reports.push(Report { owner: OWNER.get(), start, event, at_ns, thread }).is_err() {
+    if post.reports.push(Report { owner, start, event, at_ns, thread }).is_err() {
         post.lost.fetch_add(1, Ordering::Relaxed);
     }
     post.waker.wake();
@@ -271,7 +290,7 @@ pub fn listen() -> io::Result<Receiver<Report>> {
         lost: AtomicU64::new(0),
     });
     let (sender, receiver) = crossbeam_channel::unbounded();
-    std::thread::Builder::new().name("foreign".into()).spawn(move || {
+    thread::spawn("foreign", move || {
         let mut held = Held::default();
         loop {
             post.waker.wait_until(held.deadline_ns());
@@ -335,7 +354,7 @@ mod tests {
     }
 
     fn trapped() -> Event {
-        let evidence = TrapEvidence { signal: libc::SIGABRT, address: 0, pc: 0, sp: 0 };
+        let evidence = TrapEvidence::new(libc::SIGABRT, 0, 0);
         Event::Trapped(Trap::new(evidence, 0))
     }
 

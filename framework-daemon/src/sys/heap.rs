@@ -96,7 +96,7 @@ fn check_main(memory: *mut c_void) {
     let end = unsafe { libc::sbrk(0) };
     let inside = (&raw const DEAD_COUNT).addr()..end.addr();
     if !inside.contains(&memory.addr()) {
-        trap::abort_component();
+        trap::raise_check();
     }
 }
 

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
 
+use super::thread;
 use crate::model::fault::ShortText;
 use crate::model::limits::{LOG_LINES, LOG_RECORDS};
 
@@ -49,7 +50,7 @@ pub fn start() -> io::Result<()> {
     if QUEUES.set(queues).is_err() {
         return Ok(());
     }
-    std::thread::Builder::new().name("log".into()).spawn(|| {
+    thread::spawn("log", || {
         loop {
             drain();
             std::thread::sleep(PAUSE);

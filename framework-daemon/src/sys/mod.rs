@@ -27,6 +27,9 @@ pub mod futex;
 /// The C library's heap after a thread was given up.
 pub mod heap;
 
+/// What the process still says when it dies by a trap.
+pub mod last_words;
+
 /// Functions of the C library that hold no lock.
 pub mod leaf;
 
@@ -42,10 +45,13 @@ pub mod pulse;
 /// From a thread that is given up to one in reserve.
 pub mod relay;
 
+/// What is written to actuators when the process dies.
+pub mod safe_outputs;
+
 /// What plugins see as the C library.
 pub mod shield;
 
-/// HUP, TERM, INT as values on a channel.
+/// HUP, TERM, INT, USR1 as values on a channel.
 pub mod signals;
 
 /// Whose machine code an address belongs to.

@@ -31,6 +31,8 @@ pub struct Text {
     pub bias: usize,
     /// File name of what was loaded.
     pub name: &'static str,
+    /// Where its file can still be read; empty: nowhere.
+    pub path: &'static str,
     /// Whose it is.
     pub owner: Owner,
 }
@@ -76,7 +78,7 @@ pub const COPIES: &str = "/proc/self/fd/";
 
 /// Enters a range of a plugin; false: the table is full, and faults there count as happened elsewhere.
 pub fn add_plugin(range: Range<usize>, name: &'static str) -> bool {
-    add(Text { range, bias: 0, name, owner: Owner::Plugin })
+    add(Text { range, bias: 0, name, path: "", owner: Owner::Plugin })
 }
 
 fn add(text: Text) -> bool {
@@ -120,8 +122,12 @@ impl Object {
     fn enter(&self, name: &str, owner: Owner) {
         // Once for each library that is ever loaded; none is ever closed.
         let name: &'static str = String::leak(name.to_owned());
+        let path: &'static str = match owner {
+            Owner::Daemon => "/proc/self/exe",
+            Owner::System | Owner::Plugin => String::leak(self.path.clone()),
+        };
         for range in &self.ranges {
-            if !add(Text { range: range.clone(), bias: self.bias, name, owner }) {
+            if !add(Text { range: range.clone(), bias: self.bias, name, path, owner }) {
                 tracing::warn!("{name}: no room in the table of loaded code: its faults cost their thread");
             }
         }

@@ -54,6 +54,18 @@ pub fn id() -> i32 {
     unsafe { libc::gettid() }
 }
 
+/// Starts a thread that runs no fibers. A signal that ends the process may strike it all the same, and the last words need
+/// more room than the standard library's signal stacks have.
+///
+/// # Errors
+/// When the system has no thread left.
+pub fn spawn(name: &str, body: impl FnOnce() + Send + 'static) -> std::io::Result<JoinHandle<()>> {
+    std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+        let _stack = SignalStack::new();
+        body();
+    })
+}
+
 /// Starts a thread that may run fibers. What the system does not permit of `schedule` is passed to `refused`, in words.
 ///
 /// # Errors

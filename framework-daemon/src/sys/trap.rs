@@ -1,5 +1,5 @@
-//! Fatal signals on a fiber end the fiber; anywhere else the previous handler decides. So does the watchdog's signal when
-//! the callback on the fiber is late.
+//! Fatal signals on a fiber end the fiber; anywhere else the process says its last words and ends. So does the watchdog's
+//! signal when the callback on the fiber is late.
 //!
 //! The handler asks first whether foreign code runs on this thread: a fiber is armed, and the stack pointer lies in it. Then
 //! where the program counter is ([`Site`]): where no lock can be held the fiber ends by a change of registers, and the
@@ -11,17 +11,19 @@
 #![allow(unsafe_code, reason = "address of unsafe: signal handlers and register contexts")]
 
 use std::cell::Cell;
-use std::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Once};
 
 use corosensei::trap::CoroutineTrapHandler;
 
 use super::fence::{self, Verdict};
+use super::last_words::{self, Death, End};
 use super::pulse::Pulse;
 use super::relay::Relay;
+use super::shield::handlers;
 use super::{arch, clock, foreign, heap, leaf, shield, text, thread};
 use crate::model::fault::TrapEvidence;
-use crate::model::limits::{HANG_ATTEMPTS, HANG_ATTEMPTS_IN_DAEMON};
+use crate::model::limits::{HANG_ATTEMPTS, HANG_ATTEMPTS_IN_DAEMON, STACK_WORDS};
 
 /// The signals that end a fiber.
 pub const SIGNALS: [i32; 7] =
@@ -44,6 +46,8 @@ pub struct Trap {
     pub stack_overflow: bool,
     /// The component called `exit` or one of its kin.
     pub exited: bool,
+    /// The component, or a runtime of its own, called `abort`.
+    pub asked: bool,
     /// The callback did not return in time.
     pub hang: bool,
     /// The thread was given up; a reserve thread runs the executor now.
@@ -57,7 +61,16 @@ impl Trap {
     #[must_use]
     pub const fn new(evidence: TrapEvidence, at_ns: u64) -> Self {
         let site = Site::Elsewhere;
-        Self { evidence, site, stack_overflow: false, exited: false, hang: false, thread_lost: false, at_ns }
+        Self {
+            evidence,
+            site,
+            stack_overflow: false,
+            exited: false,
+            asked: false,
+            hang: false,
+            thread_lost: false,
+            at_ns,
+        }
     }
 }
 
@@ -115,6 +128,7 @@ impl Armed {
 
     /// Says that the fiber runs on this thread from now on and must return until then. Fibers do not nest.
     pub(super) fn arm(&self, deadline_ns: u64) {
+        handlers::forget();
         ARMED.set(self);
         self.pulse.begin(deadline_ns);
     }
@@ -159,6 +173,25 @@ impl Armed {
         unsafe { arch::return_address(context) }
     }
 
+    /// The link register and the top of the stack, as far as they can be read.
+    fn top(&self, context: &libc::ucontext_t) -> [u64; STACK_WORDS] {
+        let (mut words, (_, sp), link) = ([0; STACK_WORDS], arch::position(context), arch::link(context));
+        words[0] = link.unwrap_or_default();
+        let sound = sp.is_multiple_of(size_of::<u64>()) && sp >= self.guard().end;
+        let is_mapped = |place: usize| {
+            sound
+                && self.handler.stack_ptr_in_bounds(place)
+                && self.handler.stack_ptr_in_bounds(place + size_of::<u64>())
+        };
+        let places = (sp..).step_by(size_of::<u64>()).take_while(|place| is_mapped(*place));
+        for (word, place) in words[usize::from(link.is_some())..].iter_mut().zip(places) {
+            // SAFETY: the word lies between the guard page and the upper end of a stack that is mapped, and its fiber is
+            // interrupted.
+            *word = unsafe { std::ptr::with_exposed_provenance::<u64>(place).read() };
+        }
+        words
+    }
+
     fn site(&self, address: usize, context: &libc::ucontext_t) -> Site {
         Site::of(address, arch::position(context).0, self.caller(context))
     }
@@ -166,6 +199,7 @@ impl Armed {
     /// Ends the fiber where no lock can be held, the thread elsewhere.
     fn end(&self, mut trap: Trap, context: &mut libc::ucontext_t) {
         let here = trap.site != Site::Elsewhere;
+        handlers::forget();
         match self.relay.filter(|_| !here) {
             None => {
                 self.trap.set(Some(trap));
@@ -189,12 +223,14 @@ impl Armed {
     }
 }
 
-/// Why our own `abort` and `exit` struck.
+/// Why one of our own functions struck.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Raised {
     Nothing,
     Abort,
     Exit,
+    /// A check of the heap failed.
+    Check,
 }
 
 thread_local! {
@@ -230,7 +266,7 @@ fn armed() -> Option<&'static Armed> {
 /// Ends what runs on this thread as `abort` does: on a fiber the fiber; elsewhere by SIGABRT, and returns only where nobody
 /// handles it.
 pub fn raise_abort() {
-    abort_component();
+    strike_fiber(Raised::Abort);
     // SAFETY: the set is initialised by `sigemptyset`; the calls take no other memory and are directed at this thread. It
     // is unblocked first: a plugin may have masked it.
     unsafe {
@@ -242,10 +278,14 @@ pub fn raise_abort() {
     }
 }
 
-/// Ends the fiber of this thread, if one runs, because of what its component did.
-pub fn abort_component() {
-    if on_fiber() {
-        RAISED.set(Raised::Abort);
+/// Ends the fiber of this thread, if one runs, because its component has damaged the heap.
+pub fn raise_check() {
+    strike_fiber(Raised::Check);
+}
+
+fn strike_fiber(raised: Raised) {
+    if on_fiber() || handlers::is_here() {
+        RAISED.set(raised);
         arch::strike();
     }
 }
@@ -256,9 +296,6 @@ pub fn raise_exit() {
     arch::strike();
 }
 
-static PREVIOUS: [AtomicPtr<libc::sigaction>; SIGNALS.len()] =
-    [const { AtomicPtr::new(std::ptr::null_mut()) }; SIGNALS.len()];
-
 /// Takes the fatal signals over from whoever had them, once in a process.
 pub fn install() {
     static ONCE: Once = Once::new();
@@ -266,28 +303,25 @@ pub fn install() {
         text::install();
         leaf::install();
         heap::install();
-        for (index, signal) in SIGNALS.into_iter().enumerate() {
-            PREVIOUS[index].store(set_handler(signal, handle), Ordering::Release);
-        }
+        SIGNALS.into_iter().for_each(|signal| set_handler(signal, handle));
         set_handler(watchdog_signal(), time_out);
     });
 }
 
 type Handler = extern "C" fn(i32, *mut libc::siginfo_t, *mut libc::c_void);
 
-/// Returns the handler before it; leaked, so that it stays valid for ours.
-fn set_handler(signal: i32, handler: Handler) -> *mut libc::sigaction {
-    // SAFETY: an all-zero `sigaction` is valid; `sigaction` reads the new and fills the old one; the handler has the
-    // signature that SA_SIGINFO asks for.
+fn set_handler(signal: i32, handler: Handler) {
+    // SAFETY: an all-zero `sigaction` is valid; the handler has the signature that SA_SIGINFO asks for.
     unsafe {
         let mut new: libc::sigaction = std::mem::zeroed();
         new.sa_sigaction = handler as usize;
         // No SA_NODEFER: a second trap of this kind inside the handler ends the process instead of recursing. SA_RESTART
         // for a watchdog's signal that comes too late to matter.
         new.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART;
-        let old = Box::leak(Box::new(std::mem::zeroed::<libc::sigaction>()));
-        libc::sigaction(signal, &raw const new, std::ptr::from_mut(old));
-        std::ptr::from_mut(old)
+        // Nobody else's handler in the middle of it.
+        libc::sigfillset(&raw mut new.sa_mask);
+        SIGNALS.into_iter().for_each(|signal| _ = libc::sigdelset(&raw mut new.sa_mask, signal));
+        libc::sigaction(signal, &raw const new, std::ptr::null_mut());
     }
 }
 
@@ -303,24 +337,42 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     let sent = is_sent(info);
     let raised = RAISED.replace(Raised::Nothing);
     let signal = if raised == Raised::Nothing { signal } else { libc::SIGABRT };
-    // SAFETY: all of these signals but SIGABRT carry an address.
-    let address = if signal == libc::SIGABRT { 0 } else { unsafe { info.si_addr() }.addr() };
-    let evidence = TrapEvidence { signal, address: address as u64, pc: pc as u64, sp: sp as u64 };
-    let mut trap = Trap::new(evidence, at_ns);
+    // SAFETY: all of these signals but SIGABRT carry an address where an instruction caused them.
+    let address = if signal == libc::SIGABRT || sent.is_some() { 0 } else { unsafe { info.si_addr() }.addr() };
+    let mut trap = Trap::new(evidence(signal, info.si_code, address, context), at_ns);
+    trap.asked = raised == Raised::Abort || verdict.is_some();
     trap.exited = raised == Raised::Exit || verdict == Some(Verdict::Leaves);
     // A copy of this process that a plugin made is no business of ours, nor is a signal from outside.
     let is_guest = sent != Some(false) && !shield::is_copy();
+    if is_guest && handlers::is_here() {
+        let here = Trap { site: Site::of(address, pc, 0), ..trap };
+        if handlers::struck(here, context) {
+            return;
+        }
+    }
     if let Some(armed) = armed().filter(|armed| is_guest && armed.holds(pc, sp)) {
         // The function that makes any system call holds no lock.
         trap.site = if verdict.is_some() { Site::Leaf } else { armed.site(address, context) };
+        trap.evidence.stack = armed.top(context);
         trap.stack_overflow = signal == libc::SIGSEGV && armed.guard().contains(&address);
         return armed.end(trap, context);
     }
     if is_guest {
         foreign::struck(trap, context);
     }
+    // A copy of this process has no motors.
+    if !shield::is_copy() {
+        last_words::speak(&Death { end: End::Crash, signal, address, pc, sender: sent.map(|_| sender(info)) });
+    }
     shield::stand_down();
-    if sent.is_some() { end_by(signal) } else { chain(signal, info, context) }
+    end_by(signal);
+}
+
+/// What a signal frame tells.
+fn evidence(signal: i32, code: i32, address: usize, context: &libc::ucontext_t) -> TrapEvidence {
+    let (pc, sp) = arch::position(context);
+    let registers = arch::registers(context);
+    TrapEvidence { code, sp: sp as u64, registers, ..TrapEvidence::new(signal, address as u64, pc as u64) }
 }
 
 /// The watchdog's signal: the callback that runs on this thread, if it is still the one that is late.
@@ -344,40 +396,29 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     armed.pulse.forget_attempts();
     // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
     let site = if site == Site::Daemon { Site::Elsewhere } else { site };
-    let evidence = TrapEvidence { signal, address: 0, pc: pc as u64, sp: sp as u64 };
+    let evidence = TrapEvidence { stack: armed.top(context), ..evidence(signal, 0, 0, context) };
     armed.end(Trap { site, hang: true, ..Trap::new(evidence, at_ns) }, context);
 }
 
 /// Some when the signal was sent and not caused by an instruction; true when this process sent it to itself (`abort`).
 fn is_sent(info: &libc::siginfo_t) -> Option<bool> {
-    // SAFETY: a signal that was sent carries its sender.
-    (info.si_code <= 0).then(|| unsafe { info.si_pid() == libc::getpid() })
+    // SAFETY: a system call without arguments.
+    (info.si_code <= 0).then(|| sender(info) == unsafe { libc::getpid() })
 }
 
-/// The process ends by this signal, as its supervisor expects. (The standard library's handler, to which a trap would be
-/// handed on, expects the instruction to fault again; a signal that was sent does not.)
+fn sender(info: &libc::siginfo_t) -> i32 {
+    // SAFETY: asked only of a signal that was sent, which carries its sender.
+    unsafe { info.si_pid() }
+}
+
+/// The process ends by this signal, as its supervisor expects. Not by the standard library's handler: it writes to a stderr
+/// that nobody may read.
 fn end_by(signal: i32) {
     // SAFETY: the default action is restored; the signal is blocked while its handler runs and ends the process when that
     // returns.
     unsafe {
         libc::signal(signal, libc::SIG_DFL);
         libc::raise(signal);
-    }
-}
-
-/// Not ours: the previous handler's turn, or the default: the process ends by this signal.
-fn chain(signal: i32, info: &mut libc::siginfo_t, context: &mut libc::ucontext_t) {
-    let index = SIGNALS.iter().position(|known| *known == signal).unwrap_or(0);
-    // SAFETY: `install_one` stored a leaked, initialised `sigaction` or nothing.
-    let previous = unsafe { PREVIOUS[index].load(Ordering::Acquire).as_ref() };
-    match previous {
-        Some(old) if old.sa_sigaction > libc::SIG_IGN && old.sa_flags & libc::SA_SIGINFO != 0 => {
-            // SAFETY: with SA_SIGINFO the field holds a function of this signature.
-            let call: extern "C" fn(i32, *mut libc::siginfo_t, *mut libc::c_void) =
-                unsafe { std::mem::transmute(old.sa_sigaction) };
-            call(signal, info, std::ptr::from_mut(context).cast());
-        }
-        _ => end_by(signal),
     }
 }
 

@@ -5,6 +5,8 @@ use std::arch::asm;
 
 use corosensei::trap::TrapHandlerRegs;
 
+use crate::model::fault::Registers;
+
 /// Program counter and stack pointer.
 #[must_use]
 pub fn position(context: &libc::ucontext_t) -> (usize, usize) {
@@ -78,6 +80,12 @@ pub unsafe fn system_call(number: i64, arguments: [usize; 6]) -> isize {
     result
 }
 
+/// Goes on where `from` was interrupted.
+pub fn resume(context: &mut libc::ucontext_t, from: &libc::ucontext_t) {
+    context.uc_mcontext = from.uc_mcontext;
+    context.uc_sigmask = from.uc_sigmask;
+}
+
 /// What the interrupted system call was given.
 #[must_use]
 pub fn arguments(context: &libc::ucontext_t) -> [usize; 6] {
@@ -87,4 +95,19 @@ pub fn arguments(context: &libc::ucontext_t) -> [usize; 6] {
 /// Sets what the interrupted system call returns.
 pub fn set_result(context: &mut libc::ucontext_t, result: isize) {
     context.uc_mcontext.regs[0] = result as u64;
+}
+
+/// General registers and flags, for the evidence of a trap.
+#[must_use]
+pub fn registers(context: &libc::ucontext_t) -> Registers {
+    let mut values = [0; 32];
+    values[..31].copy_from_slice(&context.uc_mcontext.regs);
+    values[31] = context.uc_mcontext.pstate;
+    Registers::new(values)
+}
+
+/// The return address that a register holds, until the function calls another.
+#[must_use]
+pub const fn link(context: &libc::ucontext_t) -> Option<u64> {
+    Some(context.uc_mcontext.regs[30])
 }

@@ -5,6 +5,8 @@ use std::arch::asm;
 
 use corosensei::trap::TrapHandlerRegs;
 
+use crate::model::fault::Registers;
+
 /// Direction flag and alignment check: a plugin may have left them set.
 const FLAGS_CLEARED: i64 = !0x4_0400;
 
@@ -90,6 +92,13 @@ pub unsafe fn system_call(number: i64, arguments: [usize; 6]) -> isize {
     result
 }
 
+/// Goes on where `from` was interrupted.
+pub fn resume(context: &mut libc::ucontext_t, from: &libc::ucontext_t) {
+    context.uc_mcontext.gregs = from.uc_mcontext.gregs;
+    context.uc_mcontext.fpregs = from.uc_mcontext.fpregs;
+    context.uc_sigmask = from.uc_sigmask;
+}
+
 /// What the interrupted system call was given.
 #[must_use]
 pub fn arguments(context: &libc::ucontext_t) -> [usize; 6] {
@@ -100,4 +109,34 @@ pub fn arguments(context: &libc::ucontext_t) -> [usize; 6] {
 /// Sets what the interrupted system call returns.
 pub fn set_result(context: &mut libc::ucontext_t, result: isize) {
     context.uc_mcontext.gregs[libc::REG_RAX as usize] = result as i64;
+}
+
+/// General registers and flags, for the evidence of a trap.
+#[must_use]
+pub fn registers(context: &libc::ucontext_t) -> Registers {
+    let order = [
+        libc::REG_RAX,
+        libc::REG_RBX,
+        libc::REG_RCX,
+        libc::REG_RDX,
+        libc::REG_RSI,
+        libc::REG_RDI,
+        libc::REG_RBP,
+        libc::REG_R8,
+        libc::REG_R9,
+        libc::REG_R10,
+        libc::REG_R11,
+        libc::REG_R12,
+        libc::REG_R13,
+        libc::REG_R14,
+        libc::REG_R15,
+        libc::REG_EFL,
+    ];
+    Registers::new(order.map(|register| context.uc_mcontext.gregs[register as usize] as u64))
+}
+
+/// The return address that a register holds: here it is on the stack.
+#[must_use]
+pub const fn link(_: &libc::ucontext_t) -> Option<u64> {
+    None
 }

@@ -55,8 +55,7 @@ pub extern "C" fn abort() -> ! {
         leave(&EXIT, 1);
     }
     fault();
-    // SAFETY: the default action of a signal that is ours to set.
-    unsafe { libc::signal(libc::SIGABRT, libc::SIG_DFL) };
+    // Our handler says the last words.
     trap::raise_abort();
     real(&EXIT_NOW, 134)
 }
@@ -102,12 +101,12 @@ fn leave(function: &Real<Leave>, code: i32) -> ! {
 /// Plugin code leaves: its fiber or its thread ends. Returns where neither is there.
 pub(super) fn refuse() {
     let caller = caller();
-    if matches!(caller, Caller::Fiber | Caller::Thread) {
+    if !matches!(caller, Caller::Daemon | Caller::Loader) {
         LEFT.fetch_or(own_bit(), Ordering::Relaxed);
     }
     match caller {
         Caller::Daemon | Caller::Loader => {}
-        Caller::Fiber => trap::raise_exit(),
+        Caller::Fiber | Caller::Handler => trap::raise_exit(),
         Caller::Thread => foreign::leave(true),
     }
 }
@@ -117,7 +116,7 @@ pub(super) fn refuse() {
 pub(super) fn fault() {
     match caller() {
         Caller::Daemon | Caller::Loader => {}
-        Caller::Fiber => trap::raise_abort(),
+        Caller::Fiber | Caller::Handler => trap::raise_abort(),
         Caller::Thread => foreign::leave(false),
     }
 }

@@ -11,7 +11,10 @@ use std::ffi::CStr;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicPtr, Ordering};
 
-use super::{foreign, trap};
+use super::{arch, foreign, trap};
+
+/// Handlers of plugins.
+pub mod handlers;
 
 /// The end of the process.
 pub mod leave;
@@ -45,6 +48,8 @@ pub(super) enum Caller {
     Fiber,
     /// A thread that a plugin started.
     Thread,
+    /// A plugin's own signal handler, on any thread.
+    Handler,
 }
 
 thread_local! {
@@ -90,6 +95,14 @@ pub fn is_copy() -> bool {
     FORKED.load(Ordering::Acquire)
 }
 
+/// A copy that comes back from plugin code ends here: two daemons would drive one robot.
+pub(super) fn end_copy() {
+    if is_copy() {
+        // SAFETY: takes no memory, and does not return.
+        unsafe { arch::system_call(libc::SYS_exit_group, [0; 6]) };
+    }
+}
+
 fn own_process() -> i32 {
     // SAFETY: takes no memory.
     unsafe { libc::getpid() }
@@ -97,11 +110,16 @@ fn own_process() -> i32 {
 
 /// Whose code calls on this thread.
 pub(super) fn caller() -> Caller {
-    let guest = match (trap::on_fiber(), foreign::is_here()) {
-        (true, _) => Caller::Fiber,
-        (false, true) => Caller::Thread,
-        (false, false) if LOADS.get() => Caller::Loader,
-        (false, false) => return Caller::Daemon,
+    let guest = if handlers::is_here() {
+        Caller::Handler
+    } else if trap::on_fiber() {
+        Caller::Fiber
+    } else if foreign::is_here() {
+        Caller::Thread
+    } else if LOADS.get() {
+        Caller::Loader
+    } else {
+        return Caller::Daemon;
     };
     // A child that shares our memory (`vfork`) has only its number of its own.
     let process = PROCESS.load(Ordering::Acquire);

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicI32, AtomicU64, AtomicUsize, Ordering};
 
 use libc::{sigaction as Action, sighandler_t as Handler, sigset_t as Set, stack_t as Stack};
 
-use super::{Caller, Real, Reals, caller, missing};
+use super::{Caller, Real, Reals, caller, handlers, missing};
 use crate::sys::trap;
 
 type SetAction = unsafe extern "C" fn(i32, *const Action, *mut Action) -> i32;
@@ -51,7 +51,7 @@ const QUIET: [i32; 8] = [
 ];
 
 /// Highest signal number of Linux.
-const SIGNAL_MAX: usize = 64;
+pub(super) const SIGNAL_MAX: usize = 64;
 
 /// `SIG_HOLD`: not an action but a mask.
 const HOLD: Handler = 2;
@@ -158,13 +158,12 @@ pub(super) fn quiet() {
 /// The action that a plugin wants for a signal that is not ours, as far as the daemon survives it.
 fn tamed(signal: i32, action: &Action) -> Action {
     let mut action = *action;
-    if action.sa_sigaction == libc::SIG_DFL && is_quiet(signal) {
-        action.sa_sigaction = nothing_address();
-        action.sa_flags = libc::SA_RESTART;
-    }
-    // SA_RESETHAND would leave the default behind.
-    action.sa_flags &= !libc::SA_RESETHAND;
     action.sa_mask = without_ours(&action.sa_mask);
+    let is_nothing = action.sa_sigaction == libc::SIG_DFL && is_quiet(signal);
+    if !is_nothing && action.sa_sigaction != nothing_address() {
+        return handlers::relayed(signal, &action);
+    }
+    (action.sa_sigaction, action.sa_flags) = (nothing_address(), libc::SA_RESTART);
     action
 }
 
@@ -183,8 +182,17 @@ pub unsafe extern "C" fn sigaction(signal: i32, new: *const Action, old: *mut Ac
         // Copied first: both may be the same, and a bad pointer must change nothing.
         let wanted = new.as_ref().copied();
         if !is_ours(signal) {
+            let mut before = std::mem::zeroed();
+            // Its handler is known before the kernel calls it.
+            let known = real(signal, std::ptr::null(), &raw mut before);
+            let original = handlers::original(signal, &before);
             let tamed = wanted.map(|action| tamed(signal, &action));
-            return real(signal, tamed.as_ref().map_or(std::ptr::null(), std::ptr::from_ref), old);
+            if known == 0
+                && let Some(old) = old.as_mut()
+            {
+                *old = original;
+            }
+            return tamed.map_or(known, |action| real(signal, &raw const action, std::ptr::null_mut()));
         }
         let kept = Kept::of(signal);
         if let Some(old) = old.as_mut() {
@@ -201,15 +209,17 @@ unsafe fn set_handler(real: &Real<SetHandler>, signal: i32, handler: Handler) ->
         missing();
         return libc::SIG_ERR;
     };
-    let handler = match caller() {
-        Caller::Daemon => handler,
-        _ if is_ours(signal) && handler == HOLD => return Kept::of(signal).handler.load(Ordering::Relaxed),
-        _ if is_ours(signal) => return Kept::of(signal).handler.swap(handler, Ordering::Relaxed),
-        _ if handler == libc::SIG_DFL && is_quiet(signal) => nothing_address(),
-        _ => handler,
-    };
-    // SAFETY: as the caller's call.
-    unsafe { real(signal, handler) }
+    let is_mask = handler == HOLD;
+    // SAFETY: as the caller's call; an all-zero action is valid.
+    unsafe {
+        if caller() == Caller::Daemon || (is_mask && !is_ours(signal)) {
+            return real(signal, handler);
+        }
+        let (mut new, mut old): (Action, Action) = (std::mem::zeroed(), std::mem::zeroed());
+        (new.sa_sigaction, new.sa_flags) = (handler, libc::SA_RESTART);
+        let new = if is_mask { std::ptr::null() } else { &raw const new };
+        if sigaction(signal, new, &raw mut old) == 0 { old.sa_sigaction } else { libc::SIG_ERR }
+    }
 }
 
 /// As the C library's; no effect on signals that are ours.

@@ -1,4 +1,5 @@
-//! Threads that plugins start: each gets an alternate signal stack, open signals, and the name of the slot that started it.
+//! Threads: each gets a signal stack that is large enough; the standard library's are hardly larger than the kernel's own
+//! frame. One that a plugin starts gets open signals and the name of the slot that started it as well.
 #![allow(unsafe_code, reason = "address of unsafe: symbol interposition")]
 
 use libc::{c_void, pthread_attr_t, pthread_t};
@@ -19,7 +20,7 @@ static CANCEL: Real<unsafe extern "C" fn(pthread_t) -> i32> = unsafe { Real::new
 
 pub(super) static REALS: Reals = &[&CREATE, &EXIT, &CANCEL];
 
-/// As the C library's; a plugin's thread starts in [`foreign`].
+/// As the C library's; the thread starts in [`foreign`].
 ///
 /// # Safety
 /// As the C library's.
@@ -31,15 +32,12 @@ pub unsafe extern "C" fn pthread_create(
     argument: *mut c_void,
 ) -> i32 {
     let Some(create) = CREATE.get() else { return libc::ENOSYS };
-    if caller() == Caller::Daemon {
-        // SAFETY: passed on.
-        return unsafe { create(thread, attributes, start, argument) };
-    }
+    let begin = if caller() == Caller::Daemon { foreign::begin_own } else { foreign::begin };
     let birth = foreign::Birth::new(start, argument);
     // SAFETY: the caller's thread and attributes are valid, as for the C library's function; the argument is what
-    // `begin` expects, and is its own from now on where the thread was made.
+    // both beginnings expect, and is its own from now on where the thread was made.
     unsafe {
-        let result = create(thread, attributes, foreign::begin, birth.cast());
+        let result = create(thread, attributes, begin, birth.cast());
         if result != 0 {
             foreign::Birth::forget(birth);
         }
@@ -53,7 +51,7 @@ pub unsafe extern "C" fn pthread_create(
 /// As the C library's.
 #[unsafe(no_mangle)]
 pub unsafe extern "C-unwind" fn pthread_exit(value: *mut c_void) -> ! {
-    if caller() == Caller::Fiber {
+    if matches!(caller(), Caller::Fiber | Caller::Handler) {
         trap::raise_exit();
     }
     match EXIT.get() {

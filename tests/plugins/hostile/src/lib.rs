@@ -14,7 +14,7 @@ pub struct Doomed {
     /// In which callback.
     #[property(default = "none")]
     hook: String,
-    /// `panic`, `segv`, `error`.
+    /// `panic`, `segv`, `wild`, `copy`, `check`, `sleep`, `error`.
     #[property(default = "panic")]
     how: String,
     /// Fails in its third `on_execute` first, so that the callbacks after a fault are reached.
@@ -35,6 +35,30 @@ fn fail(how: &str) -> Outcome {
         "segv" => {
             // SAFETY: none; the write faults, which is its purpose.
             unsafe { std::hint::black_box(24 as *mut u32).write_volatile(1) };
+            Ok(())
+        }
+        "wild" => {
+            // SAFETY: none; the write faults, which is its purpose: user space ends below.
+            unsafe { std::hint::black_box(0x7fff_ffff_f000 as *mut u32).write_volatile(1) };
+            Ok(())
+        }
+        "copy" => {
+            let mut into = vec![0u8; std::hint::black_box(4096)];
+            // SAFETY: none; the C library's copy faults, which is its purpose.
+            unsafe { std::hint::black_box(24 as *const u8).copy_to(into.as_mut_ptr(), into.len()) };
+            Err(fault!("copied {}", into[0]))
+        }
+        "check" => {
+            unsafe extern "C" {
+                fn free(address: *mut u8);
+            }
+            let mut block = vec![0u64; 64];
+            // SAFETY: none; no block begins there, which the C library's heap finds out.
+            unsafe { free(std::hint::black_box(block.as_mut_ptr().cast::<u8>().add(24))) };
+            Ok(())
+        }
+        "sleep" => {
+            std::thread::sleep(std::time::Duration::from_secs(3600));
             Ok(())
         }
         _ => Err(fault!("doomed")),

@@ -14,6 +14,7 @@ pub(crate) fn commit(deed: &str) -> Result<Outcome, ()> {
         "forked child" => forked_child(),
         "child that is not there" => absent_child(),
         "child that kills itself" => killed_child(),
+        "child that comes back" => returning_child(),
         "alarm" => alarm(),
         "own handler" => own_handler(),
         "threads" => threads(),
@@ -59,6 +60,19 @@ fn killed_child() -> Outcome {
     } else {
         Err(fault!("the copy did not end by its trap: {status}"))
     }
+}
+
+/// A copy of the process that returns from its callback is no second daemon.
+fn returning_child() -> Outcome {
+    // SAFETY: the copy does nothing but return.
+    let child = unsafe { libc::fork() };
+    if child == 0 {
+        return Ok(());
+    }
+    let mut status = -1;
+    // SAFETY: the status outlives the call.
+    let waited = unsafe { libc::waitpid(child, &raw mut status, 0) };
+    if waited == child && status == 0 { Ok(()) } else { Err(fault!("the copy did not end: {waited} {status}")) }
 }
 
 /// A signal that ends a process that nobody prepared for it.

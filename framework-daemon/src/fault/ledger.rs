@@ -1,0 +1,114 @@
+//! What faults cost for good, against its bounds: threads that were given up, instances that are never freed. Pure.
+//!
+//! Beyond a bound the daemon asks its supervisor for a restart, in order and with a reason, instead of dying of leaks.
+
+use serde::Serialize;
+
+use crate::model::fault::{Fault, FaultEvent, Memory, RestartRequest};
+use crate::model::limits::{LOST_THREADS_MAX, QUARANTINED_MAX};
+
+/// What was counted since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Ledger {
+    /// Threads that were given up.
+    pub threads_lost: u64,
+    /// Instances that are never entered again and never freed.
+    pub quarantined: u64,
+    /// Faults after which memory may be damaged.
+    pub tainted: u64,
+}
+
+/// What follows from a count.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Half of a bound is reached.
+    Warn(String),
+    /// Time to begin anew.
+    Restart(RestartRequest),
+}
+
+impl Ledger {
+    /// Enters a fault.
+    pub fn note(&mut self, event: &FaultEvent, restart_on_taint: bool) -> Option<Verdict> {
+        let fault = &event.fault;
+        self.tainted += u64::from(fault.memory == Memory::Suspect);
+        let instances = enter(&mut self.quarantined, loses_instance(fault), QUARANTINED_MAX, "instances");
+        let threads = enter(&mut self.threads_lost, fault.thread_lost, LOST_THREADS_MAX, "threads");
+        let taint = (fault.memory == Memory::Suspect && restart_on_taint).then(|| taint(event));
+        taint.or(threads).or(instances)
+    }
+}
+
+const fn loses_instance(fault: &Fault) -> bool {
+    fault.symptom.loses_instance() || fault.thread_lost
+}
+
+fn enter(count: &mut u64, is_lost: bool, max: u64, what: &str) -> Option<Verdict> {
+    if !is_lost {
+        return None;
+    }
+    *count += 1;
+    let told = format!("{count} {what} were given up for faults, of at most {max}");
+    match *count {
+        count if count >= max => Some(Verdict::Restart(RestartRequest { reason: told })),
+        count if count == max / 2 => Some(Verdict::Warn(told)),
+        _ => None,
+    }
+}
+
+fn taint(event: &FaultEvent) -> Verdict {
+    let FaultEvent { slot, fault, .. } = event;
+    let (symptom, message) = (fault.symptom.name(), fault.evidence.text());
+    let reason = format!(
+        "memory is suspect after {symptom} of slot {slot} ({message}), and the system profile says on_taint=\"restart\""
+    );
+    Verdict::Restart(RestartRequest { reason })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::fault::{Evidence, Outcome, Times, TrapEvidence};
+    use crate::model::ladder::Answer;
+    use crate::model::symptom::{Severity, Symptom};
+
+    fn event(symptom: Symptom, thread_lost: bool, memory: Memory) -> FaultEvent {
+        let evidence = Evidence::Trap(TrapEvidence::new(libc::SIGSEGV, 0, 0));
+        FaultEvent {
+            slot: "s",
+            class: "C",
+            fault: Fault { thread_lost, memory, ..Fault::told(symptom, 1, evidence) },
+            severity: Severity::Reset,
+            answer: Answer::Reset,
+            successor: None,
+            outcome: Outcome::Recovered,
+            checkpoint_ns: None,
+            times: Times::default(),
+        }
+    }
+
+    #[test]
+    fn a_panic_costs_nothing_for_good() {
+        let mut ledger = Ledger::default();
+        assert_eq!(ledger.note(&event(Symptom::CrashPanic, false, Memory::Sound), true), None);
+        assert_eq!(ledger, Ledger::default());
+    }
+
+    #[test]
+    fn half_of_a_bound_is_warned_of_once_and_the_bound_asks_for_a_restart() {
+        let (mut ledger, lost) = (Ledger::default(), event(Symptom::Hang, true, Memory::Sound));
+        let verdicts: Vec<_> = (0..LOST_THREADS_MAX).filter_map(|_| ledger.note(&lost, false)).collect();
+        assert!(matches!(verdicts.as_slice(), [Verdict::Warn(_), Verdict::Restart(_)]), "{verdicts:?}");
+        assert_eq!((ledger.threads_lost, ledger.quarantined), (LOST_THREADS_MAX, LOST_THREADS_MAX));
+    }
+
+    #[test]
+    fn suspect_memory_is_counted_and_asks_for_a_restart_only_where_the_profile_says_so() {
+        let (mut ledger, wild) = (Ledger::default(), event(Symptom::CrashSegv, false, Memory::Suspect));
+        assert_eq!(ledger.note(&wild, false), None);
+        assert!(
+            matches!(ledger.note(&wild, true), Some(Verdict::Restart(request)) if request.reason.contains("on_taint"))
+        );
+        assert_eq!((ledger.tainted, ledger.quarantined), (2, 2));
+    }
+}

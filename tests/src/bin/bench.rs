@@ -54,7 +54,7 @@ fn main() -> io::Result<()> {
     // The bare panics are not to be told, and to tell them would take time; all others are.
     let tell = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
-        if info.payload_as_str() != Some("bare") {
+        if info.payload().downcast_ref::<&str>() != Some(&"bare") {
             tell(info);
         }
     }));

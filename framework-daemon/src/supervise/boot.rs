@@ -122,7 +122,9 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
     Ok(Placed { slot, executor, member: number, shelf, autostart, plugins })
 }
 
-fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Member {
+/// A slot as its executor gets it, not installed yet.
+#[must_use]
+pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Member {
     let Blueprint { plan, class, standbys, inputs, outputs } = blueprint;
     let standby = |preload| Standby { preload, unit: None };
     let (secondaries, standbys): (Vec<_>, Vec<_>) =

@@ -14,8 +14,8 @@ use super::yardstick::{Yardstick, schedule};
 /// When the system does not come up or a fault is not recovered.
 #[must_use]
 pub fn measure(symptom: &str, payload: Payload, policy: &str, faults: usize) -> (Steps, Samples) {
-    let profiles = profiles("Ticker", "", payload, policy);
-    profiles.replace("Ticker.xml", "<period>2ms</period>", "<period>500us</period>");
+    let profiles = profiles("Downer", "", payload, policy);
+    profiles.replace("Downer.xml", "<period>2ms</period>", "<period>500us</period>");
     let system = OneSlot::boot(&profiles);
     let subject = system.subject();
     let code = inject::code(symptom).expect("it can be provoked");

@@ -12,6 +12,12 @@ const SHIELDED: &[&str] = &[
     "_Exit",
     "quick_exit",
     "pause",
+    // limits
+    "setrlimit",
+    "setrlimit64",
+    "prlimit",
+    "prlimit64",
+    "prctl",
     // replace
     "execv",
     "execvp",

@@ -102,7 +102,13 @@ impl From<BootError> for RunError {
 /// # Errors
 /// When it cannot be brought up. Once it runs, it runs.
 pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError> {
-    let loaded = load::load(&settings.directory).map_err(RunError::Profiles)?;
+    let loaded = load::load(&settings.directory).map_err(|diagnostics| {
+        let error = RunError::Profiles(diagnostics);
+        // A journal that cannot be written either is no news to whoever wrote the profiles.
+        let _ = Journal::open(&settings.journal)
+            .map(|journal| refuse(&Arc::new(Mutex::new(journal)), settings, &error.reasons()));
+        error
+    })?;
     loaded.diagnostics.iter().for_each(|diagnostic| tracing::warn!("{diagnostic}"));
     let wrong = drill::check(&settings.injections, &loaded.plan);
     if !wrong.is_empty() {
@@ -159,7 +165,15 @@ fn open_journal(settings: &Settings) -> Result<SharedJournal, RunError> {
 /// A boot that came to nothing is in the journal, with the faults that it was given up for.
 fn give_up(journal: &SharedJournal, manager: Manager, settings: &Settings, reasons: &[String]) {
     manager.finish(SHUTDOWN_STEP);
-    note(journal, "start", &json!({"accepted": false, "directory": settings.directory, "reasons": reasons}));
+    refuse(journal, settings, reasons);
+}
+
+/// Reasons that are written down of a start that was refused; the others were told.
+const REASONS: usize = 20;
+
+fn refuse(journal: &SharedJournal, settings: &Settings, reasons: &[String]) {
+    let kept = &reasons[..reasons.len().min(REASONS)];
+    note(journal, "start", &json!({"accepted": false, "directory": settings.directory, "reasons": kept}));
 }
 
 /// One line for whoever waits for it.
@@ -270,7 +284,7 @@ impl Daemon<'_> {
     }
 
     fn tell_status(&self) {
-        let slots = self.system.slots.iter().map(|placed| status::of_slot(&placed.slot, placed.slot.status.state()));
+        let slots = self.system.slots.iter().map(status::of_placed);
         let (slots, ledger): (Vec<Value>, _) = (slots.collect(), self.manager.ledger());
         status::table(&slots, ledger).iter().for_each(|line| tracing::info!("{line}"));
         note(&self.journal, "status", &json!({"slots": slots, "process": status::of_process(ledger)}));

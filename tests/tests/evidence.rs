@@ -96,6 +96,25 @@ fn an_ordinary_bug_asks_for_no_restart() {
 }
 
 #[test]
+fn too_many_threads_that_were_given_up_ask_for_a_restart() {
+    let rules = "<reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
+    let rules = RESET.replace("</fault_tolerance>", rules);
+    let inside = format!("<properties><property name=\"how\" type=\"string\">sleep</property></properties>{rules}");
+    let slots: Vec<String> = (0..16).map(|number| slot(&format!("stuck{number}"), "Stuck", &inside)).collect();
+    let profiles = Profiles::new(&application(&slots, &[]));
+    profiles.describe(&plugin_dir().join("libhostile.so"));
+    let semantics = "<execution_semantics>";
+    profiles.replace("Stuck.xml", semantics, &format!("{semantics}<deadline hang=\"20ms\">10ms</deadline>"));
+    let mut daemon = Running::spawn(profiles.path(), &[]);
+    assert_eq!(daemon.wait().code(), Some(1));
+    let restarts = daemon.entries("restart");
+    assert!(restarts[0]["reason"].as_str().unwrap().contains("threads were given up"), "{restarts:?}");
+    assert_eq!(daemon.lines("beyond it the daemon asks for a restart").len(), 1, "half of it is warned of");
+    let stop = daemon.entries("stop").remove(0);
+    assert!(stop["process"]["threads_lost"].as_u64() >= stop["process"]["threads_lost_max"].as_u64(), "{stop}");
+}
+
+#[test]
 fn a_signal_asks_for_the_status() {
     let profiles = doomed("execute", "wild");
     let (mut daemon, _) = first_fault(&profiles, &[]);
@@ -109,6 +128,11 @@ fn a_signal_asks_for_the_status() {
         (Some(1), Some(0))
     );
     assert!(status["process"]["threads_lost_max"].as_u64() > Some(0));
+    // One spare is kept where a reset answers a crash.
+    assert_eq!(
+        (status["slots"][0]["spares"].as_u64(), status["slots"][0]["spares_wanted"].as_u64()),
+        (Some(1), Some(1))
+    );
     daemon.wait_for("threads given up: 0 of at most");
     assert!(daemon.is_alive());
 }

@@ -165,6 +165,12 @@ fn children_live_and_end_as_they_like() {
 }
 
 #[test]
+fn limits_and_filters_of_the_process_are_not_for_components() {
+    allowed("limits");
+    allowed("filters");
+}
+
+#[test]
 fn threads_and_signals_of_a_components_own_work() {
     for deed in ["alarm", "own handler", "threads", "thread that ends itself"] {
         allowed(deed);

@@ -21,6 +21,9 @@ fn an_invalid_profile_is_exit_3_with_line_and_column() {
     let mut daemon = Running::spawn(profiles.path(), &[]);
     assert_eq!(daemon.wait().code(), Some(3));
     daemon.wait_for("app.xml:4:");
+    let start = daemon.entries("start").remove(0);
+    assert_eq!(start["accepted"], false);
+    assert!(start["reasons"][0].as_str().unwrap().contains("app.xml:4:"), "{start}");
 }
 
 #[test]

@@ -44,6 +44,7 @@ const UNSAFE: &[&str] = &[
     "framework-daemon/src/sys/safe_outputs.rs",
     "framework-daemon/src/sys/shield/handlers.rs",
     "framework-daemon/src/sys/shield/leave.rs",
+    "framework-daemon/src/sys/shield/limits.rs",
     "framework-daemon/src/sys/shield/mod.rs",
     "framework-daemon/src/sys/shield/replace.rs",
     "framework-daemon/src/sys/shield/send.rs",

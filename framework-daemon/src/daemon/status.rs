@@ -9,9 +9,10 @@ use crate::fault::ledger::Ledger;
 use crate::model::fault::TrapEvidence;
 use crate::model::lifecycle::State;
 use crate::model::limits::{LOST_THREADS_MAX, QUARANTINED_MAX};
+use crate::supervise::system::Placed;
 
-/// Columns of the table, in order. Each is a field of [`of_slot`].
-const COLUMNS: [&str; 8] = ["slot", "state", "class", "cycles", "missed", "faults", "quarantined", "tainted"];
+/// Columns of the table, in order. Each is a field of [`of_placed`].
+const COLUMNS: [&str; 9] = ["slot", "state", "class", "cycles", "missed", "faults", "quarantined", "tainted", "spares"];
 
 /// A slot, with the state that it is or was in.
 #[must_use]
@@ -22,6 +23,16 @@ pub fn of_slot(slot: &Slot, state: State) -> Value {
         "missed": count(&status.missed), "faults": count(&status.faults),
         "quarantined": count(&status.quarantined), "tainted": count(&status.tainted),
         "longest_ns": count(&status.longest_ns)})
+}
+
+/// A slot that runs, with its spares.
+#[must_use]
+pub fn of_placed(placed: &Placed) -> Value {
+    let (ready, wanted) = placed.shelf.stock();
+    let mut fields = of_slot(&placed.slot, placed.slot.status.state());
+    fields["spares"] = ready.into();
+    fields["spares_wanted"] = wanted.into();
+    fields
 }
 
 /// What faults have cost the process, and what they may cost.
@@ -89,7 +100,7 @@ mod tests {
     #[test]
     fn the_table_is_aligned_and_tells_the_bounds() {
         let slot = json!({"slot": "avoider", "state": "active", "class": "AvoidancePrimary", "cycles": 12, "missed": 0,
-            "faults": 3, "quarantined": 2, "tainted": 1});
+            "faults": 3, "quarantined": 2, "tainted": 1, "spares": 1});
         let lines = table(&[slot], Ledger { threads_lost: 0, quarantined: 2, tainted: 1 });
         assert_eq!(lines.len(), 3);
         assert_eq!(lines[0].find("class"), lines[1].find("AvoidancePrimary"));

@@ -66,6 +66,12 @@ impl Shelf {
         self.recipes.iter().map(|recipe| recipe.limits.stack_bytes)
     }
 
+    /// Spares that are ready, and how many there are to be.
+    #[must_use]
+    pub fn stock(&self) -> (usize, usize) {
+        (self.ready.len(), self.spares)
+    }
+
     /// Number of the recipe in use.
     #[must_use]
     pub fn in_use(&self) -> usize {

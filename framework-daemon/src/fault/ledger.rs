@@ -4,13 +4,13 @@
 
 use serde::Serialize;
 
-use crate::model::fault::{Fault, FaultEvent, Memory, RestartRequest};
+use crate::model::fault::{FaultEvent, Memory, RestartRequest};
 use crate::model::limits::{LOST_THREADS_MAX, QUARANTINED_MAX};
 
 /// What was counted since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Ledger {
-    /// Threads that were given up.
+    /// Threads that were given up: those of executors, and those that plugins started.
     pub threads_lost: u64,
     /// Instances that are never entered again and never freed.
     pub quarantined: u64,
@@ -28,32 +28,25 @@ pub enum Verdict {
 }
 
 impl Ledger {
-    /// Enters a fault.
-    pub fn note(&mut self, event: &FaultEvent, restart_on_taint: bool) -> Option<Verdict> {
-        let fault = &event.fault;
+    /// Enters a fault; `threads_lost` were given up by then.
+    pub fn note(&mut self, event: &FaultEvent, threads_lost: u64, restart_on_taint: bool) -> Option<Verdict> {
+        let (before, fault) = (*self, &event.fault);
         self.tainted += u64::from(fault.memory == Memory::Suspect);
-        let instances = enter(&mut self.quarantined, loses_instance(fault), QUARANTINED_MAX, "instances");
-        let threads = enter(&mut self.threads_lost, fault.thread_lost, LOST_THREADS_MAX, "threads");
+        self.quarantined += u64::from(fault.symptom.loses_instance());
+        self.threads_lost = threads_lost.max(before.threads_lost);
         let taint = (fault.memory == Memory::Suspect && restart_on_taint).then(|| taint(event));
-        taint.or(threads).or(instances)
+        taint
+            .or_else(|| judge(before.threads_lost, self.threads_lost, LOST_THREADS_MAX, "threads"))
+            .or_else(|| judge(before.quarantined, self.quarantined, QUARANTINED_MAX, "instances"))
     }
 }
 
-const fn loses_instance(fault: &Fault) -> bool {
-    fault.symptom.loses_instance() || fault.thread_lost
-}
-
-fn enter(count: &mut u64, is_lost: bool, max: u64, what: &str) -> Option<Verdict> {
-    if !is_lost {
-        return None;
+fn judge(before: u64, now: u64, max: u64, what: &str) -> Option<Verdict> {
+    let told = || format!("{now} {what} were given up for faults, of at most {max}");
+    if now >= max {
+        return Some(Verdict::Restart(RestartRequest { reason: told() }));
     }
-    *count += 1;
-    let told = format!("{count} {what} were given up for faults, of at most {max}");
-    match *count {
-        count if count >= max => Some(Verdict::Restart(RestartRequest { reason: told })),
-        count if count == max / 2 => Some(Verdict::Warn(told)),
-        _ => None,
-    }
+    (before..now).contains(&(max / 2 - 1)).then(|| Verdict::Warn(told()))
 }
 
 fn taint(event: &FaultEvent) -> Verdict {
@@ -68,16 +61,16 @@ fn taint(event: &FaultEvent) -> Verdict {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::fault::{Evidence, Outcome, Times, TrapEvidence};
+    use crate::model::fault::{Evidence, Fault, Outcome, Times, TrapEvidence};
     use crate::model::ladder::Answer;
     use crate::model::symptom::{Severity, Symptom};
 
-    fn event(symptom: Symptom, thread_lost: bool, memory: Memory) -> FaultEvent {
+    fn event(symptom: Symptom, memory: Memory) -> FaultEvent {
         let evidence = Evidence::Trap(TrapEvidence::new(libc::SIGSEGV, 0, 0));
         FaultEvent {
             slot: "s",
             class: "C",
-            fault: Fault { thread_lost, memory, ..Fault::told(symptom, 1, evidence) },
+            fault: Fault { memory, ..Fault::told(symptom, 1, evidence) },
             severity: Severity::Reset,
             answer: Answer::Reset,
             successor: None,
@@ -90,25 +83,31 @@ mod tests {
     #[test]
     fn a_panic_costs_nothing_for_good() {
         let mut ledger = Ledger::default();
-        assert_eq!(ledger.note(&event(Symptom::CrashPanic, false, Memory::Sound), true), None);
+        assert_eq!(ledger.note(&event(Symptom::CrashPanic, Memory::Sound), 0, true), None);
         assert_eq!(ledger, Ledger::default());
     }
 
     #[test]
     fn half_of_a_bound_is_warned_of_once_and_the_bound_asks_for_a_restart() {
-        let (mut ledger, lost) = (Ledger::default(), event(Symptom::Hang, true, Memory::Sound));
-        let verdicts: Vec<_> = (0..LOST_THREADS_MAX).filter_map(|_| ledger.note(&lost, false)).collect();
+        let (mut ledger, lost) = (Ledger::default(), event(Symptom::Hang, Memory::Sound));
+        let verdicts: Vec<_> = (1..=LOST_THREADS_MAX).filter_map(|count| ledger.note(&lost, count, false)).collect();
         assert!(matches!(verdicts.as_slice(), [Verdict::Warn(_), Verdict::Restart(_)]), "{verdicts:?}");
         assert_eq!((ledger.threads_lost, ledger.quarantined), (LOST_THREADS_MAX, LOST_THREADS_MAX));
     }
 
     #[test]
+    fn many_at_once_are_warned_of_as_well() {
+        let (mut ledger, lost) = (Ledger::default(), event(Symptom::Hang, Memory::Sound));
+        assert!(matches!(ledger.note(&lost, LOST_THREADS_MAX - 1, false), Some(Verdict::Warn(_))));
+        assert_eq!(ledger.note(&lost, LOST_THREADS_MAX - 1, false), None);
+    }
+
+    #[test]
     fn suspect_memory_is_counted_and_asks_for_a_restart_only_where_the_profile_says_so() {
-        let (mut ledger, wild) = (Ledger::default(), event(Symptom::CrashSegv, false, Memory::Suspect));
-        assert_eq!(ledger.note(&wild, false), None);
-        assert!(
-            matches!(ledger.note(&wild, true), Some(Verdict::Restart(request)) if request.reason.contains("on_taint"))
-        );
+        let (mut ledger, wild) = (Ledger::default(), event(Symptom::CrashSegv, Memory::Suspect));
+        assert_eq!(ledger.note(&wild, 0, false), None);
+        let asked = ledger.note(&wild, 0, true);
+        assert!(matches!(asked, Some(Verdict::Restart(request)) if request.reason.contains("on_taint")));
         assert_eq!((ledger.tainted, ledger.quarantined), (2, 2));
     }
 }

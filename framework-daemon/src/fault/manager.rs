@@ -15,7 +15,7 @@ use crate::exec::recover::lost_events;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Memory, Outcome, RestartRequest};
 use crate::model::limits::FAULT_EVENTS;
 use crate::plugin::symbols::{Origin, Symbols};
-use crate::sys::thread;
+use crate::sys::{foreign, thread, trap};
 
 /// The journal, shared with those who note starts, reloads and stops.
 pub type SharedJournal = Arc<Mutex<Journal>>;
@@ -113,7 +113,8 @@ impl Desk {
 
     fn enter(&self, event: &FaultEvent) {
         let on_taint = self.shared.restart_on_taint.load(Ordering::Relaxed);
-        let verdict = self.shared.ledger.lock().unwrap_or_else(PoisonError::into_inner).note(event, on_taint);
+        let threads = trap::threads_lost() + foreign::lost_threads();
+        let verdict = self.shared.ledger.lock().unwrap_or_else(PoisonError::into_inner).note(event, threads, on_taint);
         match verdict {
             // A request waits already, or nobody listens any more: either way the daemon ends.
             Some(Verdict::Restart(request)) => _ = self.asks.try_send(request),

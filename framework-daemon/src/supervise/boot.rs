@@ -117,12 +117,14 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
     let executor = executor_for(system, plan)?;
     let plugins = blueprint.plugins();
     let member = member(blueprint, executor.bell(), &system.workshop);
-    let (slot, autostart) = (Arc::clone(&member.slot), member.autostart);
+    let (slot, shelf, autostart) = (Arc::clone(&member.slot), Arc::clone(&member.shelf), member.autostart);
     let number = executor.install(member, BOOT_STEP)?;
-    Ok(Placed { slot, executor, member: number, autostart, plugins })
+    Ok(Placed { slot, executor, member: number, shelf, autostart, plugins })
 }
 
-fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Member {
+/// A slot as its executor gets it, not installed yet.
+#[must_use]
+pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Member {
     let Blueprint { plan, class, standbys, inputs, outputs } = blueprint;
     let standby = |preload| Standby { preload, unit: None };
     let (secondaries, standbys): (Vec<_>, Vec<_>) =

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::catalogue::Catalogue;
 use crate::exec::executor::Executor;
 use crate::exec::slot::Slot;
-use crate::exec::workshop::Workshop;
+use crate::exec::workshop::{Shelf, Workshop};
 use crate::model::fault::FaultSender;
 use crate::plugin::Plugin;
 use crate::profile::plan::Plan;
@@ -20,6 +20,8 @@ pub struct Placed {
     pub executor: Arc<Executor>,
     /// Its number there.
     pub member: usize,
+    /// Its spares.
+    pub shelf: Arc<Shelf>,
     /// Whether it is started at boot.
     pub autostart: bool,
     /// The plugins of its classes, as far as they were loaded at boot.

@@ -15,7 +15,7 @@ use super::arch;
 use super::shield::{self, Caller};
 
 /// What only the daemon may do.
-const FENCED: [i64; 10] = [
+const FENCED: [i64; 11] = [
     libc::SYS_exit,
     libc::SYS_exit_group,
     libc::SYS_kill,
@@ -26,6 +26,7 @@ const FENCED: [i64; 10] = [
     libc::SYS_rt_sigaction,
     libc::SYS_rt_sigprocmask,
     libc::SYS_sigaltstack,
+    libc::SYS_seccomp,
 ];
 
 static STANDS: AtomicBool = AtomicBool::new(false);
@@ -93,11 +94,11 @@ fn attach(steps: &[Step]) -> std::io::Result<()> {
     let program = libc::sock_fprog { len: steps.len() as u16, filter: steps.as_ptr().cast_mut() };
     // The second flag: no slower processor for fear of what the filter might tell.
     let flags = libc::SECCOMP_FILTER_FLAG_TSYNC | libc::SECCOMP_FILTER_FLAG_SPEC_ALLOW;
+    let arguments = [libc::SECCOMP_SET_MODE_FILTER as usize, flags as usize, (&raw const program).addr(), 0, 0, 0];
     // SAFETY: the kernel reads the program during the call; it is checked there.
-    let result = unsafe { libc::syscall(libc::SYS_seccomp, libc::SECCOMP_SET_MODE_FILTER, flags, &raw const program) };
-    match result {
+    match unsafe { arch::system_call(libc::SYS_seccomp, arguments) } {
         0 => Ok(()),
-        -1 => Err(std::io::Error::last_os_error()),
+        error @ ..0 => Err(std::io::Error::from_raw_os_error(-error as i32)),
         thread => Err(std::io::Error::other(format!("thread {thread} has a filter of its own"))),
     }
 }
@@ -202,9 +203,15 @@ pub(super) fn judge(info: &libc::siginfo_t, context: &mut libc::ucontext_t) -> O
         return Some(Verdict::Answered);
     }
     let number = i64::from(stopped.number);
+    // Another filter, of a plugin's own.
+    FENCED.contains(&number).then_some(())?;
     let mut arguments = arch::arguments(context);
     match ask(number, &arguments) {
         Answer::Refused(verdict) => return Some(verdict),
+        Answer::Denied => {
+            arch::set_result(context, -(libc::EPERM as isize));
+            return Some(Verdict::Answered);
+        }
         Answer::Question(of) => arguments[of] = 0,
         Answer::Passed => {}
     }
@@ -218,6 +225,8 @@ enum Answer {
     Passed,
     /// Carried out without the new value, which is that argument: it only asks.
     Question(usize),
+    /// Not permitted.
+    Denied,
     /// A fault.
     Refused(Verdict),
 }
@@ -234,6 +243,8 @@ fn ask(number: i64, arguments: &[usize; 6]) -> Answer {
         libc::SYS_exit | libc::SYS_exit_group => return refused(Verdict::Leaves),
         libc::SYS_rt_sigaction | libc::SYS_rt_sigprocmask => return Answer::Question(1),
         libc::SYS_sigaltstack => return Answer::Question(0),
+        // A filter could end the thread, or the process.
+        libc::SYS_seccomp => return Answer::Denied,
         // A thread's number is hardly ever another process's.
         libc::SYS_tkill => (0, argument(1)),
         libc::SYS_tgkill | libc::SYS_rt_tgsigqueueinfo => (argument(0), argument(2)),
@@ -301,7 +312,7 @@ mod tests {
                 assert_eq!(asked(call, outside), libc::SECCOMP_RET_ALLOW, "{call} {outside:x}");
             }
         }
-        for call in [libc::SYS_futex, libc::SYS_write, libc::SYS_clock_nanosleep, libc::SYS_seccomp] {
+        for call in [libc::SYS_futex, libc::SYS_write, libc::SYS_clock_nanosleep, libc::SYS_prctl] {
             assert_eq!(asked(call, 0x5000_0000_1800), libc::SECCOMP_RET_ALLOW);
         }
         let other = |address| run(&steps, 0x4000_0003, 1, address);

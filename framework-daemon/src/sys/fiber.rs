@@ -19,7 +19,7 @@ use super::pulse::Pulse;
 use super::shield;
 use super::stack::{self, OwnStack};
 use super::trap::{Armed, Trap};
-use crate::model::limits::TOUCHED_STACK_BYTES;
+use crate::model::limits::{IDLE_FIBERS, TOUCHED_STACK_BYTES};
 
 /// A deadline that is never over.
 pub const NEVER: u64 = u64::MAX;
@@ -68,12 +68,14 @@ impl Fiber {
     /// As [`Self::new`].
     pub fn leased(stack_bytes: usize, lease: &Lease) -> std::io::Result<Self> {
         let stack = OwnStack::new(stack_bytes)?;
-        let (low, range) = (stack.limit().get(), stack.range());
+        let (low, high, range) = (stack.limit().get(), stack.base().get(), stack.range());
         let core = Rc::new(Core { armed: OnceCell::new(), job: Cell::new(std::ptr::null_mut()) });
-        let shared = Rc::clone(&core);
+        // Not counted: what a fiber that traps holds is never dropped.
+        let shared = Rc::as_ptr(&core);
         let coroutine = Coroutine::with_stack(stack, move |yielder, ()| {
             loop {
-                let job = shared.job.get();
+                // SAFETY: the fiber is resumed by its `Fiber` only, which holds the core.
+                let job = unsafe { (*shared).job.get() };
                 if job.is_null() {
                     return;
                 }
@@ -83,7 +85,7 @@ impl Fiber {
             }
         });
         let pulse = Arc::clone(&lease.pulse);
-        core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low, pulse, lease.relay));
+        core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low..high, pulse, lease.relay));
         Ok(Self { coroutine: ManuallyDrop::new(coroutine), core, range, usable: true })
     }
 
@@ -175,14 +177,26 @@ impl FiberPool {
         deadline_ns: u64,
         closure: &mut dyn FnMut(),
     ) -> std::io::Result<Option<Trap>> {
-        let mut fiber = self.take(stack_bytes)?;
-        if fiber.run(deadline_ns, closure) == Ended::Returned {
-            self.put(stack_bytes, fiber);
+        let lease = &self.lease;
+        let shelf = shelf(&mut self.idle, stack_bytes);
+        if shelf.is_empty() {
+            shelf.push(Fiber::leased(stack_bytes, lease)?);
+        }
+        // In its place on the shelf: fibers do not nest, and moving one costs as much as entering it.
+        let ended = shelf.last_mut().map(|fiber| fiber.run(deadline_ns, closure));
+        if ended == Some(Ended::Returned) {
             return Ok(None);
         }
+        Ok(self.put_aside(stack_bytes))
+    }
+
+    /// A fiber that trapped; its trap.
+    #[cold]
+    fn put_aside(&mut self, stack_bytes: usize) -> Option<Trap> {
+        let mut fiber = shelf(&mut self.idle, stack_bytes).pop()?;
         let trap = fiber.take_trap();
         self.spent.push(fiber);
-        Ok(trap)
+        trap
     }
 
     /// What the watchdog reads of this executor.
@@ -196,38 +210,29 @@ impl FiberPool {
     /// # Errors
     /// When the system has no address space left.
     pub fn prepare(&mut self, stack_bytes: usize, count: usize) -> std::io::Result<()> {
-        self.spent.reserve(crate::model::limits::IDLE_FIBERS);
-        while self.shelf(stack_bytes).len() < count {
-            let mut fiber = Fiber::leased(stack_bytes, &self.lease)?;
+        self.spent.reserve(IDLE_FIBERS);
+        let (shelf, lease) = (shelf(&mut self.idle, stack_bytes), &self.lease);
+        while shelf.len() < count {
+            let mut fiber = Fiber::leased(stack_bytes, lease)?;
             fiber.run(NEVER, &mut touch_stack);
-            self.put(stack_bytes, fiber);
+            shelf.push(fiber);
         }
         Ok(())
-    }
-
-    fn take(&mut self, stack_bytes: usize) -> std::io::Result<Fiber> {
-        match self.shelf(stack_bytes).pop() {
-            Some(fiber) => Ok(fiber),
-            None => Fiber::leased(stack_bytes, &self.lease),
-        }
-    }
-
-    fn put(&mut self, stack_bytes: usize, fiber: Fiber) {
-        self.shelf(stack_bytes).push(fiber);
-    }
-
-    fn shelf(&mut self, stack_bytes: usize) -> &mut Vec<Fiber> {
-        let index = self.idle.iter().position(|(size, _)| *size == stack_bytes).unwrap_or_else(|| {
-            self.idle.push((stack_bytes, Vec::with_capacity(crate::model::limits::IDLE_FIBERS)));
-            self.idle.len() - 1
-        });
-        &mut self.idle[index].1
     }
 
     /// Gives the pages of spent fibers back; a few microseconds each, so it is done when the recovery is over.
     pub fn bury(&mut self) {
         self.spent.clear();
     }
+}
+
+/// Fibers with a stack of that size.
+fn shelf(idle: &mut Vec<(usize, Vec<Fiber>)>, stack_bytes: usize) -> &mut Vec<Fiber> {
+    let index = idle.iter().position(|(size, _)| *size == stack_bytes).unwrap_or_else(|| {
+        idle.push((stack_bytes, Vec::with_capacity(IDLE_FIBERS)));
+        idle.len() - 1
+    });
+    &mut idle[index].1
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ use crossbeam_queue::ArrayQueue;
 use libc::c_void;
 
 use super::thread::{self, SignalStack};
-use super::trap::{Site, Trap};
+use super::trap::{self, Site, Trap};
 use super::wake::Waker;
 use super::{arch, clock, heap, shield, text};
 use crate::model::fault::{Evidence, TrapEvidence};
@@ -233,6 +233,8 @@ pub(super) fn struck(mut trap: Trap, context: &libc::ucontext_t) {
     // SAFETY: the stack of this thread is mapped between these.
     let caller = if (here.low..here.top).contains(&sp) { unsafe { arch::return_address(context) } } else { 0 };
     trap.site = Site::of(address, pc, caller);
+    // SAFETY: as above; the handler runs beside it.
+    trap.evidence.stack = unsafe { trap::top(context, here.low..here.top) };
     trap.stack_overflow = trap.evidence.signal == libc::SIGSEGV && here.is_near_end(address) && here.is_near_end(sp);
     end(trap)
 }

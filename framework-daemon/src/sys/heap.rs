@@ -122,7 +122,7 @@ unsafe fn is_abandoned(memory: *mut c_void) -> bool {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn free(memory: *mut c_void) {
     // SAFETY: the caller's promise.
     unsafe {
@@ -136,7 +136,7 @@ pub unsafe extern "C" fn free(memory: *mut c_void) {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn realloc(memory: *mut c_void, size: usize) -> *mut c_void {
     // SAFETY: the caller's promise; both ranges are as long as the copy, and the new one is nobody else's.
     unsafe {

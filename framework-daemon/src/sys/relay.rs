@@ -9,19 +9,19 @@ use super::futex::{self, AtomicPtr, AtomicU32, Ordering};
 const PLACES: usize = 64;
 
 /// Between threads that are given up and those in reserve, for one schedule.
-pub struct Relay<T> {
-    places: [AtomicPtr<T>; PLACES],
+pub struct Relay<T, const N: usize = PLACES> {
+    places: [AtomicPtr<T>; N],
     /// Changes with each passing: who found nothing waits for the next.
     passed: AtomicU32,
 }
 
-impl<T> Default for Relay<T> {
+impl<T, const N: usize> Default for Relay<T, N> {
     fn default() -> Self {
         Self { places: std::array::from_fn(|_| AtomicPtr::new(std::ptr::null_mut())), passed: AtomicU32::new(0) }
     }
 }
 
-impl<T> Relay<T> {
+impl<T, const N: usize> Relay<T, N> {
     /// Passes `work` on; false: more is waiting already than anybody could take.
     pub fn pass(&self, work: *mut T) -> bool {
         let free = |place: &&AtomicPtr<T>| {

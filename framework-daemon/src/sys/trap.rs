@@ -11,6 +11,7 @@
 #![allow(unsafe_code, reason = "address of unsafe: signal handlers and register contexts")]
 
 use std::cell::Cell;
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Once};
 
@@ -109,21 +110,21 @@ impl Site {
 /// A fiber that runs on some thread: what the handler needs to end it.
 pub(super) struct Armed {
     handler: CoroutineTrapHandler<()>,
-    stack_low: usize,
+    stack: Range<usize>,
     pulse: Arc<Pulse>,
     relay: Option<&'static Relay<Armed>>,
     trap: Cell<Option<Trap>>,
 }
 
 impl Armed {
-    /// Of the fiber of that handler, with the lower end of its stack, and what belongs to its executor.
+    /// Of the fiber of that handler, with its stack, guard included, and what belongs to its executor.
     pub(super) const fn new(
         handler: CoroutineTrapHandler<()>,
-        stack_low: usize,
+        stack: Range<usize>,
         pulse: Arc<Pulse>,
         relay: Option<&'static Relay<Self>>,
     ) -> Self {
-        Self { handler, stack_low, pulse, relay, trap: Cell::new(None) }
+        Self { handler, stack, pulse, relay, trap: Cell::new(None) }
     }
 
     /// Says that the fiber runs on this thread from now on and must return until then. Fibers do not nest.
@@ -159,8 +160,8 @@ impl Armed {
         self.pulse.is_beating() && (self.handler.stack_ptr_in_bounds(sp) || text::is_plugin(pc))
     }
 
-    fn guard(&self) -> std::ops::Range<usize> {
-        self.stack_low..self.stack_low + GUARD_BYTES
+    fn guard(&self) -> Range<usize> {
+        self.stack.start..self.stack.start + GUARD_BYTES
     }
 
     /// Where the interrupted function returns to, if it has no frame.
@@ -173,23 +174,10 @@ impl Armed {
         unsafe { arch::return_address(context) }
     }
 
-    /// The link register and the top of the stack, as far as they can be read.
+    /// What is left of calls on the top of its stack.
     fn top(&self, context: &libc::ucontext_t) -> [u64; STACK_WORDS] {
-        let (mut words, (_, sp), link) = ([0; STACK_WORDS], arch::position(context), arch::link(context));
-        words[0] = link.unwrap_or_default();
-        let sound = sp.is_multiple_of(size_of::<u64>()) && sp >= self.guard().end;
-        let is_mapped = |place: usize| {
-            sound
-                && self.handler.stack_ptr_in_bounds(place)
-                && self.handler.stack_ptr_in_bounds(place + size_of::<u64>())
-        };
-        let places = (sp..).step_by(size_of::<u64>()).take_while(|place| is_mapped(*place));
-        for (word, place) in words[usize::from(link.is_some())..].iter_mut().zip(places) {
-            // SAFETY: the word lies between the guard page and the upper end of a stack that is mapped, and its fiber is
-            // interrupted.
-            *word = unsafe { std::ptr::with_exposed_provenance::<u64>(place).read() };
-        }
-        words
+        // SAFETY: above its guard the fiber's stack is mapped, and its fiber is interrupted.
+        unsafe { top(context, self.guard().end..self.stack.end) }
     }
 
     fn site(&self, address: usize, context: &libc::ucontext_t) -> Site {
@@ -219,6 +207,15 @@ impl Armed {
                 relay.pass(std::ptr::from_ref(self).cast_mut());
                 arch::exit_thread();
             }
+        }
+    }
+}
+
+impl Drop for Armed {
+    /// What armed this thread last is asked for as long as the thread lives.
+    fn drop(&mut self) {
+        if std::ptr::eq(ARMED.get(), self) {
+            ARMED.set(std::ptr::null());
         }
     }
 }
@@ -353,7 +350,9 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     if let Some(armed) = armed().filter(|armed| is_guest && armed.holds(pc, sp)) {
         // The function that makes any system call holds no lock.
         trap.site = if verdict.is_some() { Site::Leaf } else { armed.site(address, context) };
-        trap.evidence.stack = armed.top(context);
+        if trap.site != Site::Plugin || pc == address {
+            trap.evidence.stack = armed.top(context);
+        }
         trap.stack_overflow = signal == libc::SIGSEGV && armed.guard().contains(&address);
         return armed.end(trap, context);
     }
@@ -366,6 +365,23 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     }
     shield::stand_down();
     end_by(signal);
+}
+
+/// The link register and the top of the stack, where return addresses are, as far as they lie in `stack`.
+///
+/// # Safety
+/// `stack` must be mapped, and whoever runs on it interrupted.
+pub(super) unsafe fn top(context: &libc::ucontext_t, stack: Range<usize>) -> [u64; STACK_WORDS] {
+    let (mut words, (_, sp), link) = ([0; STACK_WORDS], arch::position(context), arch::link(context));
+    words[0] = link.unwrap_or_default();
+    if sp.is_multiple_of(size_of::<u64>()) && stack.contains(&sp) {
+        let room = &mut words[usize::from(link.is_some())..];
+        let count = room.len().min((stack.end - sp) / size_of::<u64>());
+        let start = std::ptr::with_exposed_provenance::<u64>(sp);
+        // SAFETY: the words lie in the stack (the caller's promise).
+        unsafe { start.copy_to_nonoverlapping(room.as_mut_ptr(), count) };
+    }
+    words
 }
 
 /// What a signal frame tells.

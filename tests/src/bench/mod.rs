@@ -8,7 +8,7 @@ pub mod recovery;
 pub mod hang;
 
 /// What both are measured on.
-pub mod system;
+pub mod rig;
 
 /// Busy cores.
 pub mod load;
@@ -21,9 +21,6 @@ pub mod erlang;
 
 /// What the system can do at best.
 pub mod limits;
-
-/// A thread that measures limits.
-pub mod yardstick;
 
 /// Percentiles and the printed form.
 pub mod stats;

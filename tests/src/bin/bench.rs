@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use clap::Parser;
 use serde_json::Value;
 use tests::bench::load::Load;
+use tests::bench::rig::Payload;
 use tests::bench::stats::Setting;
-use tests::bench::system::Payload;
 use tests::bench::{erlang, guard, hang, recovery, report};
 
 /// As in the daemon.
@@ -51,8 +51,13 @@ fn main() -> io::Result<()> {
         let lines: Vec<Value> = lines?.iter().filter_map(|line| serde_json::from_str(line).ok()).collect();
         return writeln!(io::stdout(), "{}", report::table(&lines));
     }
-    // The bare panics are not to be told.
-    std::panic::set_hook(Box::new(|_| {}));
+    // The bare panics are not to be told, and to tell them would take time; all others are.
+    let tell = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |info| {
+        if info.payload().downcast_ref::<&str>() != Some(&"bare") {
+            tell(info);
+        }
+    }));
     let mut run = Run { arguments, lines: Vec::new() };
     run.guard_cost()?;
     for (load, threads) in LOADS {

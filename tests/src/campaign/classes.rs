@@ -140,6 +140,7 @@ pub const CLASSES: &[Class] = &[
     Class::again("calls", "BadErrorText", SEGV),
     Class::again("calls", "BadPanicText", SEGV),
     Class::again("calls", "BadCriticalName", SEGV),
+    Class::again("calls", "BadSafeOutput", SEGV),
     Class::again("calls", "BadCriticalRegion", SEGV),
     Class::again("calls", "BadPublishValue", &[]).refused(),
     Class::again("calls", "BadGiveBackValue", &[]).refused(),

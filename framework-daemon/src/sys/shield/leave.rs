@@ -49,7 +49,7 @@ pub fn note_panic(message: &str) {
 }
 
 /// On a fiber or a plugin's thread a fault (`crash.abort`) without glibc's lock. Elsewhere the end of the process.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn abort() -> ! {
     if LEAVES_AGAIN.replace(false) {
         leave(&EXIT, 1);
@@ -61,31 +61,31 @@ pub extern "C" fn abort() -> ! {
 }
 
 /// `exit` of a component is a fault of it (`crash.exit`), not the end of the daemon.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn exit(code: i32) -> ! {
     leave(&EXIT, code)
 }
 
 /// As [`exit`].
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn _exit(code: i32) -> ! {
     leave(&EXIT_NOW, code)
 }
 
 /// As [`exit`].
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn _Exit(code: i32) -> ! {
     leave(&EXIT_NOW_C99, code)
 }
 
 /// As [`exit`].
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn quick_exit(code: i32) -> ! {
     leave(&QUICK_EXIT, code)
 }
 
 /// As the C library's; where this slot left before, it is the standard library that holds a second exit up.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn pause() -> i32 {
     if LEFT.load(Ordering::Relaxed) & own_bit() != 0 {
         refuse();

@@ -19,6 +19,9 @@ pub mod handlers;
 /// The end of the process.
 pub mod leave;
 
+/// Limits and filters of the whole process.
+pub mod limits;
+
 /// Another program in the process's place.
 pub mod replace;
 
@@ -78,7 +81,8 @@ pub fn install() {
     if PROCESS.swap(own_process(), Ordering::AcqRel) != 0 {
         return;
     }
-    let tables = [leave::REALS, replace::REALS, send::REALS, signals::REALS, threads::REALS, waits::REALS];
+    let tables =
+        [leave::REALS, replace::REALS, limits::REALS, send::REALS, signals::REALS, threads::REALS, waits::REALS];
     tables.into_iter().flatten().for_each(|real| real.resolve());
     // SAFETY: the function stores a flag, which any child may do.
     unsafe { libc::pthread_atfork(None, None, Some(note_fork)) };

@@ -28,7 +28,7 @@ pub(super) static REALS: Reals = &[&EXECV, &EXECVP, &EXECVE, &EXECVPE, &FEXECVE,
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn execv(path: *const c_char, arguments: Texts) -> c_int {
     refuse();
     // SAFETY: passed on.
@@ -39,7 +39,7 @@ pub unsafe extern "C" fn execv(path: *const c_char, arguments: Texts) -> c_int {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn execvp(path: *const c_char, arguments: Texts) -> c_int {
     refuse();
     // SAFETY: passed on.
@@ -50,7 +50,7 @@ pub unsafe extern "C" fn execvp(path: *const c_char, arguments: Texts) -> c_int 
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn execve(path: *const c_char, arguments: Texts, environment: Texts) -> c_int {
     refuse();
     // SAFETY: passed on.
@@ -61,7 +61,7 @@ pub unsafe extern "C" fn execve(path: *const c_char, arguments: Texts, environme
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn execvpe(path: *const c_char, arguments: Texts, environment: Texts) -> c_int {
     refuse();
     // SAFETY: passed on.
@@ -72,7 +72,7 @@ pub unsafe extern "C" fn execvpe(path: *const c_char, arguments: Texts, environm
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn fexecve(descriptor: c_int, arguments: Texts, environment: Texts) -> c_int {
     refuse();
     // SAFETY: passed on.
@@ -80,38 +80,38 @@ pub unsafe extern "C" fn fexecve(descriptor: c_int, arguments: Texts, environmen
 }
 
 /// As the C library's; its parent's end would be ours.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn daemon(keep_directory: c_int, keep_output: c_int) -> c_int {
     refuse();
     DAEMON.get().map_or_else(missing, |real| real(keep_directory, keep_output))
 }
 
 /// A message and an exit. The message is lost: its arguments cannot be passed on from here, and the daemon never calls it.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn err(code: c_int) -> ! {
     exit(code)
 }
 
 /// As [`err`].
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn errx(code: c_int) -> ! {
     exit(code)
 }
 
 /// As [`err`].
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn verr(code: c_int) -> ! {
     exit(code)
 }
 
 /// As [`err`].
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn verrx(code: c_int) -> ! {
     exit(code)
 }
 
 /// As [`err`] where there is a code; else only the message is lost.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn error(code: c_int) {
     if code != 0 {
         exit(code);

@@ -49,7 +49,7 @@ fn refuse_here(signal: i32) {
 }
 
 /// As the C library's; a fatal signal to this process is a fault of the caller.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn kill(process: i32, signal: i32) -> i32 {
     if is_self(process) {
         refuse(signal);
@@ -58,7 +58,7 @@ pub extern "C" fn kill(process: i32, signal: i32) -> i32 {
 }
 
 /// As [`kill`].
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn killpg(group: i32, signal: i32) -> i32 {
     if group == 0 || is_self(group.wrapping_neg()) {
         refuse(signal);
@@ -67,7 +67,7 @@ pub extern "C" fn killpg(group: i32, signal: i32) -> i32 {
 }
 
 /// As [`kill`].
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn tgkill(process: i32, thread: i32, signal: i32) -> i32 {
     if is_self(process) {
         // SAFETY: takes no memory.
@@ -81,14 +81,14 @@ pub extern "C" fn tgkill(process: i32, thread: i32, signal: i32) -> i32 {
 }
 
 /// As [`kill`].
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn raise(signal: i32) -> i32 {
     refuse_here(signal);
     RAISE.get().map_or_else(missing, |raise| raise(signal))
 }
 
 /// As [`kill`].
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn pthread_kill(thread: libc::pthread_t, signal: i32) -> i32 {
     // SAFETY: takes no memory.
     if thread == unsafe { libc::pthread_self() } {
@@ -100,7 +100,7 @@ pub extern "C" fn pthread_kill(thread: libc::pthread_t, signal: i32) -> i32 {
 }
 
 /// As [`kill`].
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub extern "C" fn sigqueue(process: i32, signal: i32, value: libc::sigval) -> i32 {
     if is_self(process) {
         refuse(signal);

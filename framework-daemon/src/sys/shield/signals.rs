@@ -171,7 +171,7 @@ fn tamed(signal: i32, action: &Action) -> Action {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn sigaction(signal: i32, new: *const Action, old: *mut Action) -> i32 {
     let Some(real) = SIGACTION.get() else { return missing() };
     // SAFETY: the caller's pointers are null or valid, as for the C library's function.
@@ -226,7 +226,7 @@ unsafe fn set_handler(real: &Real<SetHandler>, signal: i32, handler: Handler) ->
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn signal(signal: i32, handler: Handler) -> Handler {
     // SAFETY: passed on.
     unsafe { set_handler(&SIGNAL, signal, handler) }
@@ -236,7 +236,7 @@ pub unsafe extern "C" fn signal(signal: i32, handler: Handler) -> Handler {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn bsd_signal(signal: i32, handler: Handler) -> Handler {
     // SAFETY: passed on.
     unsafe { set_handler(&SIGNAL, signal, handler) }
@@ -246,7 +246,7 @@ pub unsafe extern "C" fn bsd_signal(signal: i32, handler: Handler) -> Handler {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn ssignal(signal: i32, handler: Handler) -> Handler {
     // SAFETY: passed on.
     unsafe { set_handler(&SIGNAL, signal, handler) }
@@ -256,7 +256,7 @@ pub unsafe extern "C" fn ssignal(signal: i32, handler: Handler) -> Handler {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn sysv_signal(signal: i32, handler: Handler) -> Handler {
     // SAFETY: passed on.
     unsafe { set_handler(&SIGNAL, signal, handler) }
@@ -266,7 +266,7 @@ pub unsafe extern "C" fn sysv_signal(signal: i32, handler: Handler) -> Handler {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn __sysv_signal(signal: i32, handler: Handler) -> Handler {
     // SAFETY: passed on.
     unsafe { set_handler(&SIGNAL, signal, handler) }
@@ -276,7 +276,7 @@ pub unsafe extern "C" fn __sysv_signal(signal: i32, handler: Handler) -> Handler
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn sigset(signal: i32, handler: Handler) -> Handler {
     // SAFETY: passed on.
     unsafe { set_handler(&SIGSET, signal, handler) }
@@ -286,7 +286,7 @@ pub unsafe extern "C" fn sigset(signal: i32, handler: Handler) -> Handler {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn sigignore(signal: i32) -> i32 {
     if is_ours(signal) && caller() != Caller::Daemon {
         Kept::of(signal).handler.store(libc::SIG_IGN, Ordering::Relaxed);
@@ -300,7 +300,7 @@ pub unsafe extern "C" fn sigignore(signal: i32) -> i32 {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn sighold(signal: i32) -> i32 {
     if is_ours(signal) && caller() != Caller::Daemon {
         return 0;
@@ -325,7 +325,7 @@ unsafe fn set_mask(real: SetMask, how: i32, new: *const Set, old: *mut Set) -> i
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn sigprocmask(how: i32, new: *const Set, old: *mut Set) -> i32 {
     // SAFETY: passed on.
     SIGPROCMASK.get().map_or_else(missing, |real| unsafe { set_mask(real, how, new, old) })
@@ -335,7 +335,7 @@ pub unsafe extern "C" fn sigprocmask(how: i32, new: *const Set, old: *mut Set) -
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn pthread_sigmask(how: i32, new: *const Set, old: *mut Set) -> i32 {
     // SAFETY: passed on.
     PTHREAD_SIGMASK.get().map_or(libc::ENOSYS, |real| unsafe { set_mask(real, how, new, old) })
@@ -345,7 +345,7 @@ pub unsafe extern "C" fn pthread_sigmask(how: i32, new: *const Set, old: *mut Se
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn sigaltstack(new: *const Stack, old: *mut Stack) -> i32 {
     let new = if caller() == Caller::Daemon { new } else { std::ptr::null() };
     // SAFETY: passed on.

@@ -24,7 +24,7 @@ pub(super) static REALS: Reals = &[&CREATE, &EXIT, &CANCEL];
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn pthread_create(
     thread: *mut pthread_t,
     attributes: *const pthread_attr_t,
@@ -49,7 +49,7 @@ pub unsafe extern "C" fn pthread_create(
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C-unwind" fn pthread_exit(value: *mut c_void) -> ! {
     if matches!(caller(), Caller::Fiber | Caller::Handler) {
         trap::raise_exit();
@@ -65,7 +65,7 @@ pub unsafe extern "C-unwind" fn pthread_exit(value: *mut c_void) -> ! {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn pthread_cancel(thread: pthread_t) -> i32 {
     // SAFETY: takes no memory.
     if caller() == Caller::Fiber && thread == unsafe { libc::pthread_self() } {

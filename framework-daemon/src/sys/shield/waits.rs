@@ -33,7 +33,7 @@ unsafe fn with_mask(mask: *const Set, wait: impl FnOnce(*const Set) -> c_int) ->
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn sigsuspend(mask: *const Set) -> c_int {
     let Some(real) = SIGSUSPEND.get() else { return missing() };
     // SAFETY: passed on.
@@ -44,7 +44,7 @@ pub unsafe extern "C" fn sigsuspend(mask: *const Set) -> c_int {
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn ppoll(ends: *mut pollfd, count: nfds_t, time: *const timespec, mask: *const Set) -> c_int {
     let Some(real) = PPOLL.get() else { return missing() };
     // SAFETY: passed on.
@@ -55,7 +55,7 @@ pub unsafe extern "C" fn ppoll(ends: *mut pollfd, count: nfds_t, time: *const ti
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn pselect(
     highest: c_int,
     read: Sets,
@@ -73,7 +73,7 @@ pub unsafe extern "C" fn pselect(
 ///
 /// # Safety
 /// As the C library's.
-#[unsafe(no_mangle)]
+#[cfg_attr(not(miri), unsafe(no_mangle))]
 pub unsafe extern "C" fn epoll_pwait(
     queue: c_int,
     events: *mut epoll_event,

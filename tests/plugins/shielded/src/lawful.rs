@@ -17,6 +17,8 @@ pub(crate) fn commit(deed: &str) -> Result<Outcome, ()> {
         "child that comes back" => returning_child(),
         "alarm" => alarm(),
         "own handler" => own_handler(),
+        "limits" => limits(),
+        "filters" => filters(),
         "threads" => threads(),
         "thread that ends itself" => self_ended_thread(),
         _ => return Err(()),
@@ -99,6 +101,33 @@ fn own_handler() -> Outcome {
         libc::raise(libc::SIGUSR2);
     }
     if HEARD.load(Ordering::Acquire) { Ok(()) } else { Err(fault!("the handler was not called")) }
+}
+
+/// What would end the process within the second is not permitted.
+fn limits() -> Outcome {
+    let none = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
+    // SAFETY: reads the limit.
+    let results = unsafe {
+        [
+            libc::setrlimit(libc::RLIMIT_CPU, &raw const none),
+            libc::prlimit(0, libc::RLIMIT_CPU, &raw const none, std::ptr::null_mut()),
+        ]
+    };
+    if results == [-1; 2] { Ok(()) } else { Err(fault!("limits were set: {results:?}")) }
+}
+
+/// A filter that would end the process with its next system call is not permitted.
+fn filters() -> Outcome {
+    let end = libc::sock_filter { code: 6, jt: 0, jf: 0, k: libc::SECCOMP_RET_KILL_PROCESS };
+    let program = libc::sock_fprog { len: 1, filter: (&raw const end).cast_mut() };
+    // SAFETY: reads the filter.
+    let results = unsafe {
+        [
+            libc::prctl(libc::PR_SET_SECCOMP, 2, &raw const program, 0, 0) as i64,
+            libc::syscall(libc::SYS_seccomp, libc::SECCOMP_SET_MODE_FILTER, 0, &raw const program),
+        ]
+    };
+    if results == [-1; 2] { Ok(()) } else { Err(fault!("filters were set: {results:?}")) }
 }
 
 fn threads() -> Outcome {

@@ -55,6 +55,13 @@ torture! {
     /// Registers a region whose name is not there.
     BadCriticalName => || (host().critical)(bad_text!(), without_provenance_mut(BAD), 8);
 
+    /// Registers a safe output whose bytes are not there.
+    BadSafeOutput => || {
+        // SAFETY: none; whoever reads them faults, which is its purpose.
+        let bytes: &[u8] = unsafe { std::slice::from_raw_parts(without_provenance(BAD), 16) };
+        (host().safe_output)(2, bytes.into());
+    };
+
     /// Registers a region that is not there, then faults: whoever saves or restores it meets it.
     BadCriticalRegion => || {
         (host().critical)("region".into(), without_provenance_mut(BAD), 1 << 20);

@@ -139,6 +139,7 @@ component_sdk::export_components!(
     calls::BadErrorText,
     calls::BadPanicText,
     calls::BadCriticalName,
+    calls::BadSafeOutput,
     calls::BadCriticalRegion,
     calls::BadPublishValue,
     calls::BadGiveBackValue,

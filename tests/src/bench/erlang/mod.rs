@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use super::rig::PRIORITY;
 use super::stats::Samples;
-use super::system::PRIORITY;
 
 /// `restarts` of them.
 ///

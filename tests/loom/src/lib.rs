@@ -1,0 +1,19 @@
+//! The daemon's own sources of the hand-over, compiled against the model checker's atomics instead of the real ones.
+//!
+//! A configuration of the whole daemon for the checker was the alternative; its dependencies know that configuration, too,
+//! and change with it.
+
+// Not for the unit tests of this crate: those in the sources belong to the daemon, where the atomics are real.
+
+/// Waiting on a word, as the checker sees it.
+pub mod futex;
+
+/// From a thread that is given up to one in reserve.
+#[cfg(not(test))]
+#[path = "../../../framework-daemon/src/sys/relay.rs"]
+pub mod relay;
+
+/// Waiting for a wake-up.
+#[cfg(not(test))]
+#[path = "../../../framework-daemon/src/sys/wake.rs"]
+pub mod wake;

@@ -109,6 +109,9 @@ fn judge(class: &Class, strikes: usize, policy: Policy, traces: Traces, control:
     let outcome = |names: &[&str]| ended.iter().filter(|fault| has(fault, "outcome", names)).count();
     // A thread may outlive its instance: what it does then is answered already, and only written down.
     let answered: &[&str] = if class.group == "threads" { &["recovered", "ignored"] } else { &["recovered"] };
+    // What a drop does changes nothing any more.
+    let ended_by_removal: &[&str] =
+        if class.course == Course::Leaving { &["stopped", "ignored"] } else { &["stopped"] };
     let mut recovery = Samples::default();
     ended.iter().filter_map(|fault| fault["times"]["first_callback_ns"].as_u64()).for_each(|nanos| recovery.add(nanos));
     let refused = class.course == Course::Refused && log.contains("the last strike") && !slots.is_empty();
@@ -121,7 +124,7 @@ fn judge(class: &Class, strikes: usize, policy: Policy, traces: Traces, control:
         contained,
         attributed,
         recovered: if refused { attributed } else { outcome(answered) },
-        stopped: outcome(&["stopped"]),
+        stopped: outcome(ended_by_removal),
         missed: worst_missed(&slots),
         missed_control: worst_missed(&control.slots),
         gap: longest_gap(&log),

@@ -28,13 +28,21 @@ pub fn code(symptom: &str) -> Option<u8> {
 
 /// Provokes the fault of that number.
 pub(super) fn provoke(code: u8) -> Outcome {
-    (host::get().note_injection)();
     match code {
-        1 => panic!("injected panic"),
         2 => segv(),
         3 => raw::bus(),
         4 => raw::fpe(),
         5 => raw::ill(),
+        _ => return provoke_by_call(code),
+    }
+    Ok(())
+}
+
+/// Those that are more than one instruction.
+fn provoke_by_call(code: u8) -> Outcome {
+    note();
+    match code {
+        1 => panic!("injected panic"),
         6 => std::process::abort(),
         7 => _ = black_box(overflow(1)),
         9 => std::process::exit(3),
@@ -43,8 +51,15 @@ pub(super) fn provoke(code: u8) -> Outcome {
     Ok(())
 }
 
+/// The fault comes with the next instruction: what lies between counts as its detection.
+#[inline(always)]
+fn note() {
+    (host::get().note_injection)();
+}
+
 #[inline(never)]
 fn segv() {
+    note();
     // SAFETY: none; the write faults, which is its purpose.
     unsafe { black_box(8 as *mut u32).write_volatile(1) };
 }
@@ -62,6 +77,7 @@ mod raw {
 
     /// A stack access at a non-canonical address is a stack-segment fault, which Linux reports as SIGBUS.
     pub(super) fn bus() {
+        super::note();
         // SAFETY: none; the load faults, which is its purpose. The asm restores what it changes before that matters.
         unsafe {
             asm!("mov {t}, rbp", "mov rbp, {wild}", "mov {wild}, [rbp]", "mov rbp, {t}",
@@ -70,11 +86,13 @@ mod raw {
     }
 
     pub(super) fn fpe() {
+        super::note();
         // SAFETY: none; the division faults, which is its purpose.
         unsafe { asm!("xor edx, edx", "div {zero:e}", zero = in(reg) 0u32, inout("eax") 1u32 => _, out("edx") _) };
     }
 
     pub(super) fn ill() {
+        super::note();
         // SAFETY: none; the instruction faults, which is its purpose.
         unsafe { asm!("ud2") };
     }
@@ -88,16 +106,19 @@ mod raw {
 
     /// Division by zero does not trap here, nor is there a portable way to SIGBUS: these two are raised.
     pub(super) fn bus() {
+        super::note();
         // SAFETY: `raise` is the C library's; the signal numbers are Linux's on this architecture.
         unsafe { raise(7) };
     }
 
     pub(super) fn fpe() {
+        super::note();
         // SAFETY: as in `bus`.
         unsafe { raise(8) };
     }
 
     pub(super) fn ill() {
+        super::note();
         // SAFETY: as in `bus`.
         unsafe { raise(4) };
     }

@@ -94,7 +94,8 @@ impl Crew {
         restored.map(|()| Some(age_ns))
     }
 
-    /// Ends a unit that was ready, or left on the shelf: in order where it is sound. What it does about that changes nothing any more.
+    /// Ends a unit that was ready, or left on the shelf: in order where it is sound. What it does about that changes nothing
+    /// any more.
     pub fn end(&mut self, slot: &Slot, mut unit: Unit) {
         if unit.spent {
             // Counted by its executor, at once.

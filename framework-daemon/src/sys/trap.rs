@@ -2,7 +2,7 @@
 //! signal when the callback on the fiber is late.
 //!
 //! The handler asks first whether foreign code runs on this thread: a fiber is armed, and the stack pointer lies in it. Then
-//! where the program counter is ([`Site`]): where no lock can be held the fiber ends by a change of registers, and the
+//! where the program counter is ([`crate::sys::trap::Site`]): where no lock can be held the fiber ends by a change of registers, and the
 //! executor goes on at once. Elsewhere (in the allocator, in a system call) the *thread* is given up: it passes its
 //! executor to a reserve thread and ends on the spot, without a destructor; a lock that it holds stays with nobody who
 //! would take it again.

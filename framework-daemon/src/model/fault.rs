@@ -8,7 +8,7 @@ use std::fmt;
 use serde::Serialize;
 
 use super::ladder::Answer;
-use super::limits::{STACK_WORDS, TEXT_BYTES};
+use super::limits::{CALLERS, TEXT_BYTES};
 pub use super::registers::Registers;
 use super::symptom::{Severity, Symptom};
 
@@ -170,9 +170,9 @@ pub struct TrapEvidence {
     pub pc: u64,
     /// Stack pointer.
     pub sp: u64,
-    /// The link register, where the processor has one, and the top of the stack: return addresses are among them.
+    /// Return addresses into plugins, nearest first, as far as the top of the stack tells; 0: no more.
     #[serde(skip)]
-    pub stack: [u64; STACK_WORDS],
+    pub callers: [u64; CALLERS],
     /// The other registers.
     pub registers: Registers,
 }
@@ -194,7 +194,7 @@ impl TrapEvidence {
     /// A signal and where it struck, without what a handler knows besides.
     #[must_use]
     pub const fn new(signal: i32, address: u64, pc: u64) -> Self {
-        Self { signal, code: 0, address, pc, sp: 0, stack: [0; STACK_WORDS], registers: Registers::UNKNOWN }
+        Self { signal, code: 0, address, pc, sp: 0, callers: [0; CALLERS], registers: Registers::UNKNOWN }
     }
 
     /// `SIGSEGV` and kin.

@@ -97,9 +97,11 @@ pub const SIGNAL_STACK_BYTES: usize = 64 << 10;
 pub const STACK_OVERFLOW_REACH_BYTES: usize = 64 << 10;
 /// Faults on threads of plugins waiting to be passed on.
 pub const FOREIGN_REPORTS: usize = 256;
-/// Words kept of the top of a trap's stack: those of the C library's functions between the trap and the plugin. No more than
-/// other evidence takes anyway.
+/// Words on top of a trap's stack in which return addresses are looked for: those of the functions between the trap and the
+/// plugin.
 pub const STACK_WORDS: usize = 64;
+/// Return addresses into plugins that are kept of a trap: the nearest may be the standard library's.
+pub const CALLERS: usize = 4;
 /// Addresses below are those of nothing, plus the offset of a field.
 pub const NULL_PAGE_BYTES: u64 = 64 << 10;
 /// Longest panic message, error text or log record kept, in bytes.

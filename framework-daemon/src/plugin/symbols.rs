@@ -55,7 +55,7 @@ impl Symbols {
     /// Where a trap struck, and from where in a plugin that was called.
     pub fn origin(&mut self, trap: &TrapEvidence) -> Origin {
         let is_plugin = |address: &u64| usize::try_from(*address).is_ok_and(text::is_plugin);
-        let caller = if is_plugin(&trap.pc) { None } else { self.caller(trap.stack.into_iter().filter(is_plugin)) };
+        let caller = if is_plugin(&trap.pc) { None } else { self.caller(trap.callers.into_iter().filter(is_plugin)) };
         Origin { at: self.place(trap.pc), caller: caller.map(|place| place.to_string()) }
     }
 

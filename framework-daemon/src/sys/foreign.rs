@@ -237,7 +237,7 @@ pub(super) fn struck(mut trap: Trap, context: &libc::ucontext_t) {
     let caller = if (here.low..here.top).contains(&sp) { unsafe { arch::return_address(context) } } else { 0 };
     trap.site = Site::of(address, pc, caller);
     // SAFETY: as above; the handler runs beside it.
-    trap.evidence.stack = unsafe { trap::top(context, here.low..here.top) };
+    trap.evidence.callers = unsafe { trap::callers(context, here.low..here.top) };
     trap.stack_overflow = trap.evidence.signal == libc::SIGSEGV && here.is_near_end(address) && here.is_near_end(sp);
     end(trap)
 }

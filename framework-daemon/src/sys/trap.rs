@@ -24,7 +24,7 @@ use super::relay::Relay;
 use super::shield::handlers;
 use super::{arch, clock, foreign, heap, leaf, shield, text, thread};
 use crate::model::fault::TrapEvidence;
-use crate::model::limits::{HANG_ATTEMPTS, HANG_ATTEMPTS_IN_DAEMON, STACK_WORDS};
+use crate::model::limits::{CALLERS, HANG_ATTEMPTS, HANG_ATTEMPTS_IN_DAEMON, STACK_WORDS};
 
 /// The signals that end a fiber.
 pub const SIGNALS: [i32; 7] =
@@ -180,10 +180,10 @@ impl Armed {
         unsafe { arch::return_address(context) }
     }
 
-    /// What is left of calls on the top of its stack.
-    fn top(&self, context: &libc::ucontext_t) -> [u64; STACK_WORDS] {
+    /// Who in a plugin called what was interrupted.
+    fn callers(&self, context: &libc::ucontext_t) -> [u64; CALLERS] {
         // SAFETY: above its guard the fiber's stack is mapped, and its fiber is interrupted.
-        unsafe { top(context, self.guard().end..self.stack.end) }
+        unsafe { callers(context, self.guard().end..self.stack.end) }
     }
 
     fn site(&self, address: usize, context: &libc::ucontext_t) -> Site {
@@ -362,7 +362,7 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
         // The function that makes any system call holds no lock.
         trap.site = if verdict.is_some() { Site::Leaf } else { armed.site(address, context) };
         if trap.site != Site::Plugin || pc == address {
-            trap.evidence.stack = armed.top(context);
+            trap.evidence.callers = armed.callers(context);
         }
         trap.stack_overflow = signal == libc::SIGSEGV && armed.guard().contains(&address);
         return armed.end(trap, context);
@@ -378,21 +378,22 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     end_by(signal);
 }
 
-/// The link register and the top of the stack, where return addresses are, as far as they lie in `stack`.
+/// Return addresses into plugins: in the link register and on the top of the stack, as far as that lies in `stack`.
 ///
 /// # Safety
 /// `stack` must be mapped, and whoever runs on it interrupted.
-pub(super) unsafe fn top(context: &libc::ucontext_t, stack: Range<usize>) -> [u64; STACK_WORDS] {
-    let (mut words, (_, sp), link) = ([0; STACK_WORDS], arch::position(context), arch::link(context));
-    words[0] = link.unwrap_or_default();
-    if sp.is_multiple_of(size_of::<u64>()) && stack.contains(&sp) {
-        let room = &mut words[usize::from(link.is_some())..];
-        let count = room.len().min((stack.end - sp) / size_of::<u64>());
-        let start = std::ptr::with_exposed_provenance::<u64>(sp);
-        // SAFETY: the words lie in the stack (the caller's promise).
-        unsafe { start.copy_to_nonoverlapping(room.as_mut_ptr(), count) };
+pub(super) unsafe fn callers(context: &libc::ucontext_t, stack: Range<usize>) -> [u64; CALLERS] {
+    let (mut found, (_, sp)) = ([0; CALLERS], arch::position(context));
+    let is_sound = sp.is_multiple_of(size_of::<u64>()) && stack.contains(&sp);
+    let count = if is_sound { STACK_WORDS.min((stack.end - sp) / size_of::<u64>()) } else { 0 };
+    let start = std::ptr::with_exposed_provenance::<u64>(sp);
+    // SAFETY: the words lie in the stack (the caller's promise).
+    let words = (0..count).map(|index| unsafe { start.add(index).read() });
+    let of_plugins = arch::link(context).into_iter().chain(words).filter(|word| text::is_plugin(*word as usize));
+    for (place, word) in found.iter_mut().zip(of_plugins) {
+        *place = word;
     }
-    words
+    found
 }
 
 /// What a signal frame tells.
@@ -423,7 +424,7 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     armed.pulse.forget_attempts();
     // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
     let site = if site == Site::Daemon { Site::Elsewhere } else { site };
-    let evidence = TrapEvidence { stack: armed.top(context), ..evidence(signal, 0, 0, context) };
+    let evidence = TrapEvidence { callers: armed.callers(context), ..evidence(signal, 0, 0, context) };
     armed.end(Trap { site, hang: true, ..Trap::new(evidence, at_ns) }, context);
 }
 

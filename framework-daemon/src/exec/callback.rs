@@ -90,21 +90,36 @@ pub fn touch(
     result
 }
 
-/// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop; false then.
-pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> bool {
+/// What became of a unit that is not needed any more.
+#[derive(Debug)]
+pub struct Disposal {
+    /// It was dropped, not quarantined.
+    pub dropped: bool,
+    /// The fault of its drop.
+    pub fault: Option<Fault>,
+}
+
+/// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop.
+pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> Disposal {
     unit.close();
-    let (owner, limits) = (Owner { slot, instance: unit.number }, unit.limits);
-    let instance = &mut unit.instance;
-    let mut drop = || _ = instance.destroy();
-    let deadline_ns = clock::now_ns() + limits.of(Hook::Destroy);
-    unit.spent = unit.spent || guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut drop).is_err();
-    // A panic in a drop is over when the shim returns; the object is gone.
-    let _ = forget_notes();
+    let fault = if unit.spent { None } else { drop_object(fibers, slot, &mut unit) };
     let dropped = !unit.spent;
     if unit.spent {
         unit.quarantine();
     }
-    dropped
+    Disposal { dropped, fault }
+}
+
+fn drop_object(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit) -> Option<Fault> {
+    let (owner, limits) = (Owner { slot, instance: unit.number }, unit.limits);
+    let deadline_ns = clock::now_ns() + limits.of(Hook::Destroy);
+    let (instance, mut status) = (&mut unit.instance, CallStatus::Done);
+    let ended = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || status = instance.destroy());
+    unit.spent = ended.is_err();
+    // A panic in a drop is over when the shim returns; the object is gone.
+    let fault = ended.err().or_else(|| crash::of_status(status).map(|symptom| told(symptom, "")));
+    let _ = forget_notes();
+    fault
 }
 
 /// What a callback that went well reported on the side: a bad value that it wrote, a fault that it raised.

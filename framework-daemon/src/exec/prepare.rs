@@ -6,11 +6,13 @@ use component_sdk::abi::class::Hook;
 use super::callback::{self, Call};
 use super::checkpoint::{Checkpoint, Region};
 use super::member::Crew;
+use super::recover;
 use super::slot::{Slot, Status};
 use super::unit::{Recipe, Unit};
-use crate::model::fault::Fault;
+use crate::model::fault::{Fault, FaultEvent, Outcome, Times};
+use crate::model::ladder::Answer;
 use crate::model::names;
-use crate::model::symptom::Symptom;
+use crate::model::symptom::{Severity, Symptom};
 use crate::plugin::host;
 
 impl Crew {
@@ -95,15 +97,18 @@ impl Crew {
     }
 
     /// Ends a unit that was ready, or left on the shelf: in order where it is sound. What it does about that changes nothing
-    /// any more.
+    /// any more, and is written down.
     pub fn end(&mut self, slot: &Slot, mut unit: Unit) {
         if unit.spent {
             // Counted by its executor, at once.
             return unit.quarantine();
         }
         for hook in [Hook::Stop, Hook::Destroy] {
-            if !unit.spent && (hook == Hook::Destroy || unit.started) {
-                let _ = self.enter(slot, &mut unit, Call::plain(hook));
+            if !unit.spent
+                && (hook == Hook::Destroy || unit.started)
+                && let Err(fault) = self.enter(slot, &mut unit, Call::plain(hook))
+            {
+                self.note(slot, unit.class, fault);
             }
         }
         self.dispose(slot, unit);
@@ -111,9 +116,32 @@ impl Crew {
 
     /// Gets rid of a unit: dropped where it is sound, quarantined and counted where it is not.
     pub fn dispose(&mut self, slot: &Slot, unit: Unit) {
-        if !callback::dispose(&mut self.fibers, slot.name, unit) {
+        let class = unit.class;
+        let disposal = callback::dispose(&mut self.fibers, slot.name, unit);
+        if let Some(fault) = disposal.fault {
+            self.note(slot, class, fault);
+        }
+        if !disposal.dropped {
             Status::count(&slot.status.quarantined);
             self.lost = true;
         }
+    }
+
+    /// Writes down a fault on the way out: there is nothing left to answer.
+    fn note(&self, slot: &Slot, class: &'static str, fault: Fault) {
+        Status::count(&slot.status.faults);
+        slot.status.count_taint(fault.memory);
+        let event = FaultEvent {
+            slot: slot.name,
+            class,
+            severity: Severity::Ignore,
+            answer: Answer::Ignore,
+            successor: Some(slot.status.class()),
+            outcome: Outcome::Ignored,
+            checkpoint_ns: None,
+            times: Times { detected_ns: fault.detected_ns.saturating_sub(fault.at_ns), ..Times::default() },
+            fault,
+        };
+        recover::send(&self.faults, event);
     }
 }

@@ -14,6 +14,7 @@ use std::sync::Arc;
 use corosensei::stack::Stack;
 use corosensei::{Coroutine, CoroutineResult};
 
+use super::arch;
 use super::carrier::{self, Lease};
 use super::pulse::Pulse;
 use super::shield;
@@ -109,6 +110,7 @@ impl Fiber {
         let result = self.coroutine.resume(());
         shield::end_copy();
         armed.inspect(|armed| armed.disarm());
+        arch::restore_float_control();
         match result {
             CoroutineResult::Yield(()) => Ended::Returned,
             CoroutineResult::Return(()) => {

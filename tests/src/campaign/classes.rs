@@ -32,8 +32,6 @@ pub struct Class {
     pub deadline: bool,
     /// One of the other slots shares its executor.
     pub neighbour: bool,
-    /// Why it is not run: what is not contained.
-    pub not_contained: Option<&'static str>,
 }
 
 impl Class {
@@ -53,7 +51,6 @@ impl Class {
             course: Course::Again,
             deadline: false,
             neighbour: false,
-            not_contained: None,
         }
     }
 
@@ -72,10 +69,6 @@ impl Class {
 
     const fn with_neighbour(self) -> Self {
         Self { neighbour: true, ..self }
-    }
-
-    const fn not_contained(self, why: &'static str) -> Self {
-        Self { not_contained: Some(why), ..self }
     }
 }
 
@@ -127,10 +120,7 @@ pub const CLASSES: &[Class] = &[
     Class::again("threads", "StackOverflowOnThread", STACK),
     Class::again("threads", "AbortOnThread", ABORT),
     Class::again("float", "FloatControlThenFault", SEGV).with_neighbour(),
-    Class::again("float", "FloatControlLeft", &[])
-        .with_neighbour()
-        .refused()
-        .not_contained("the control word is not restored"),
+    Class::again("float", "FloatControlLeft", &[]).with_neighbour().refused(),
     Class::again("calls", "ForgedLoan", &[]).refused(),
     Class::again("calls", "ForgedPublish", &[]).refused(),
     Class::again("calls", "ForgedGiveBack", &[]).refused(),
@@ -165,8 +155,8 @@ pub const CLASSES: &[Class] = &[
     Class::hook("InStop", "panic", Leaving, None),
     Class::hook("InDestroy", "segv", Leaving, None),
     Class::hook("InDestroy", "panic", Leaving, None),
-    Class::hook("InDrop", "segv", Leaving, None).not_contained("a drop's fault is not written down"),
-    Class::hook("InDrop", "panic", Leaving, None).not_contained("a drop's fault is not written down"),
+    Class::hook("InDrop", "segv", Leaving, None),
+    Class::hook("InDrop", "panic", Leaving, None),
 ];
 
 /// The classes of a group.

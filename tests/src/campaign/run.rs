@@ -67,8 +67,9 @@ fn victims_faults(daemon: &Running) -> usize {
     daemon.entries("fault").iter().filter(is_victim).count()
 }
 
+/// Late because the machine was busy is not what was provoked.
 fn is_victim(fault: &&Value) -> bool {
-    fault["slot"].as_str().is_some_and(|slot| slot.starts_with("victim"))
+    fault["slot"].as_str().is_some_and(|slot| slot.starts_with("victim")) && fault["symptom"] != "overrun"
 }
 
 /// Waits until there are `wanted`, the daemon is dead, or none comes any more.
@@ -87,7 +88,7 @@ fn judge(class: &Class, strikes: usize, policy: Policy, traces: Traces, control:
     let Traces { faults, slots, log, mut problems, .. } = traces;
     let has =
         |fault: &Value, field: &str, wanted: &[&str]| fault[field].as_str().is_some_and(|is| wanted.contains(&is));
-    let strangers = faults.iter().filter(|fault| !is_victim(fault)).count();
+    let strangers = faults.iter().filter(|fault| !is_victim(fault) && fault["symptom"] != "overrun").count();
     if strangers > 0 {
         problems.push(format!("{strangers} faults blamed on others"));
     }
@@ -99,8 +100,12 @@ fn judge(class: &Class, strikes: usize, policy: Policy, traces: Traces, control:
             .collect(),
         None => Vec::new(),
     };
-    let own: Vec<&Value> =
+    let mut own: Vec<&Value> =
         faults.iter().filter(is_victim).filter(|fault| !baits.iter().any(|bait| std::ptr::eq(*bait, *fault))).collect();
+    if class.deadline {
+        // Whoever lost its core for longer than its deadline was late, too.
+        own.truncate(strikes);
+    }
     let right: Vec<&&Value> = own.iter().filter(|fault| has(fault, "symptom", class.symptoms)).collect();
     if let Some(wrong) = own.iter().find(|fault| !has(fault, "symptom", class.symptoms)) {
         problems.push(format!("blamed as {}", wrong["symptom"]));
@@ -109,6 +114,9 @@ fn judge(class: &Class, strikes: usize, policy: Policy, traces: Traces, control:
     let outcome = |names: &[&str]| ended.iter().filter(|fault| has(fault, "outcome", names)).count();
     // A thread may outlive its instance: what it does then is answered already, and only written down.
     let answered: &[&str] = if class.group == "threads" { &["recovered", "ignored"] } else { &["recovered"] };
+    // What a drop does changes nothing any more.
+    let ended_by_removal: &[&str] =
+        if class.course == Course::Leaving { &["stopped", "ignored"] } else { &["stopped"] };
     let mut recovery = Samples::default();
     ended.iter().filter_map(|fault| fault["times"]["first_callback_ns"].as_u64()).for_each(|nanos| recovery.add(nanos));
     let refused = class.course == Course::Refused && log.contains("the last strike") && !slots.is_empty();
@@ -121,7 +129,7 @@ fn judge(class: &Class, strikes: usize, policy: Policy, traces: Traces, control:
         contained,
         attributed,
         recovered: if refused { attributed } else { outcome(answered) },
-        stopped: outcome(&["stopped"]),
+        stopped: outcome(ended_by_removal),
         missed: worst_missed(&slots),
         missed_control: worst_missed(&control.slots),
         gap: longest_gap(&log),

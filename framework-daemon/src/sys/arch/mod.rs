@@ -13,8 +13,8 @@ mod processor;
 mod processor;
 
 pub use processor::{
-    AUDIT_ARCH, arguments, continue_at, link, position, redirect, registers, resume, return_address, set_result,
-    strike, system_call, waits,
+    AUDIT_ARCH, arguments, continue_at, link, position, redirect, registers, restore_float_control, resume,
+    return_address, set_result, strike, system_call, waits,
 };
 
 /// Ends this kernel thread here and now: nothing is unwound, freed or run. The kernel walks its list of robust locks and

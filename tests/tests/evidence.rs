@@ -96,15 +96,31 @@ fn an_ordinary_bug_asks_for_no_restart() {
 }
 
 #[test]
-fn too_many_threads_that_were_given_up_ask_for_a_restart() {
+fn a_hang_is_blamed_on_the_function_that_waits() {
+    let daemon = Running::start(stuck(1).path(), &[]);
+    let fault = daemon.journal("fault", 1).remove(0);
+    let evidence = &fault["evidence"];
+    assert!(evidence["module"].as_str().unwrap().starts_with("libc"), "{evidence}");
+    assert!(evidence["caller"].as_str().unwrap().starts_with("hostile::"), "{evidence}");
+    assert_eq!((fault["symptom"].as_str(), fault["memory"].as_str()), (Some("hang"), Some("sound")));
+}
+
+/// So many slots that sleep for ever.
+fn stuck(count: usize) -> Profiles {
     let rules = "<reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
     let rules = RESET.replace("</fault_tolerance>", rules);
     let inside = format!("<properties><property name=\"how\" type=\"string\">sleep</property></properties>{rules}");
-    let slots: Vec<String> = (0..16).map(|number| slot(&format!("stuck{number}"), "Stuck", &inside)).collect();
+    let slots: Vec<String> = (0..count).map(|number| slot(&format!("stuck{number}"), "Stuck", &inside)).collect();
     let profiles = Profiles::new(&application(&slots, &[]));
     profiles.describe(&plugin_dir().join("libhostile.so"));
     let semantics = "<execution_semantics>";
     profiles.replace("Stuck.xml", semantics, &format!("{semantics}<deadline hang=\"20ms\">10ms</deadline>"));
+    profiles
+}
+
+#[test]
+fn too_many_threads_that_were_given_up_ask_for_a_restart() {
+    let profiles = stuck(16);
     let mut daemon = Running::spawn(profiles.path(), &[]);
     assert_eq!(daemon.wait().code(), Some(1));
     let restarts = daemon.entries("restart");

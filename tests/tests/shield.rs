@@ -128,6 +128,7 @@ fn a_trap_on_a_components_own_thread_ends_that_thread() {
     contained("thread handler reset", "crash.segv");
     contained("thread mask", "crash.segv");
     contained("grandchild null", "crash.segv");
+    contained("clone null", "crash.segv");
 }
 
 #[test]
@@ -172,7 +173,7 @@ fn limits_and_filters_of_the_process_are_not_for_components() {
 
 #[test]
 fn threads_and_signals_of_a_components_own_work() {
-    for deed in ["alarm", "own handler", "threads", "thread that ends itself"] {
+    for deed in ["alarm", "own handler", "threads", "thread that ends itself", "clone exit"] {
         allowed(deed);
     }
 }

@@ -43,13 +43,15 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
     let instance = &mut unit.instance;
     let mut status = CallStatus::Done;
     let owner = Owner { slot, instance: unit.number };
-    if let Err(fault) =
-        guarded(fibers, owner, unit.limits.stack_bytes, deadline_ns, &mut || status = instance.enter(&args))
-    {
+    // One place from the innermost call to the outermost: a fault is large.
+    let mut result =
+        guarded(fibers, owner, unit.limits.stack_bytes, deadline_ns, &mut || status = instance.enter(&args));
+    if result.is_err() {
         unit.spent = true;
-        return Err(fault);
+    } else if let Some(symptom) = crash::of_status(status) {
+        result = Err(told(symptom, ""));
     }
-    crash::of_status(status).map_or(Ok(()), |symptom| Err(told(symptom, "")))
+    result
 }
 
 /// Runs the constructor of a class.

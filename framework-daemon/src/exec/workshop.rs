@@ -1,7 +1,7 @@
 //! One background thread prepares what recoveries use up, and clears away what they leave: spares are created and
 //! initialised, old instances destroyed.
 //!
-//! A recovery takes a spare from its slot's [`Shelf`] and leaves the instance that failed there, without a lock or an
+//! A recovery takes a spare from its slot's [`crate::exec::workshop::Shelf`] and leaves the instance that failed there, without a lock or an
 //! allocation, and goes on; the thread here works when the robot does again. It runs under the ordinary scheduler: an
 //! executor with a real-time priority is never kept from its period by it.
 //!

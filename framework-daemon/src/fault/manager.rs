@@ -90,6 +90,8 @@ struct Desk {
 impl Desk {
     fn take(&mut self, event: &FaultEvent) {
         self.note_lost();
+        // Whoever reads of a fault finds it counted.
+        let verdict = self.count(event);
         let origin = match &event.fault.evidence {
             Evidence::Trap(trap) => self.symbols.origin(trap),
             _ => Origin::default(),
@@ -98,7 +100,7 @@ impl Desk {
             tracing::error!("the journal cannot be written: {error}");
         }
         tell(event, &origin);
-        self.enter(event);
+        verdict.into_iter().for_each(|verdict| self.obey(verdict));
     }
 
     fn note_lost(&mut self) {
@@ -111,15 +113,17 @@ impl Desk {
         }
     }
 
-    fn enter(&self, event: &FaultEvent) {
+    fn count(&self, event: &FaultEvent) -> Option<Verdict> {
         let on_taint = self.shared.restart_on_taint.load(Ordering::Relaxed);
         let threads = trap::threads_lost() + foreign::lost_threads();
-        let verdict = self.shared.ledger.lock().unwrap_or_else(PoisonError::into_inner).note(event, threads, on_taint);
+        self.shared.ledger.lock().unwrap_or_else(PoisonError::into_inner).note(event, threads, on_taint)
+    }
+
+    fn obey(&self, verdict: Verdict) {
         match verdict {
             // A request waits already, or nobody listens any more: either way the daemon ends.
-            Some(Verdict::Restart(request)) => _ = self.asks.try_send(request),
-            Some(Verdict::Warn(text)) => tracing::warn!("{text}; beyond it the daemon asks for a restart"),
-            None => {}
+            Verdict::Restart(request) => _ = self.asks.try_send(request),
+            Verdict::Warn(text) => tracing::warn!("{text}; beyond it the daemon asks for a restart"),
         }
     }
 }
@@ -147,7 +151,7 @@ fn tell(event: &FaultEvent, origin: &Origin) {
 fn describe(fault: &Fault, origin: &Origin) -> String {
     let mut text = fault.evidence.text().to_owned();
     if let Evidence::Trap(trap) = &fault.evidence
-        && trap.signal != libc::SIGABRT
+        && matches!(trap.signal, libc::SIGSEGV | libc::SIGBUS)
     {
         text.push_str(&format!(" at {:#x}", trap.address));
     }

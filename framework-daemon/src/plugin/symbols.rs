@@ -55,10 +55,22 @@ impl Symbols {
     /// Where a trap struck, and from where in a plugin that was called.
     pub fn origin(&mut self, trap: &TrapEvidence) -> Origin {
         let is_plugin = |address: &u64| usize::try_from(*address).is_ok_and(text::is_plugin);
-        let caller = if is_plugin(&trap.pc) { None } else { trap.stack.into_iter().find(is_plugin) };
-        // A return address may lie behind the last instruction of its function: the call is before it.
-        let caller = caller.and_then(|address| self.place(address - 1)).map(|place| place.to_string());
-        Origin { at: self.place(trap.pc), caller }
+        let caller = if is_plugin(&trap.pc) { None } else { self.caller(trap.stack.into_iter().filter(is_plugin)) };
+        Origin { at: self.place(trap.pc), caller: caller.map(|place| place.to_string()) }
+    }
+
+    /// The nearest function of the component's own, past those of the standard library that came with it.
+    fn caller(&mut self, addresses: impl Iterator<Item = u64>) -> Option<Place> {
+        let mut nearest = None;
+        for address in addresses {
+            // A return address may lie behind the last instruction of its function: the call is before it.
+            let place = self.place(address - 1);
+            if place.as_ref().is_some_and(|place| !place.is_runtime()) {
+                return place;
+            }
+            nearest = nearest.or(place);
+        }
+        nearest
     }
 
     /// What lies at that address.
@@ -67,6 +79,16 @@ impl Symbols {
         let module_offset = address.wrapping_sub(text.bias as u64);
         let table = self.tables.entry(text.path).or_insert_with(|| Table::of_file(text.path));
         Some(Place { module: text.name, module_offset, function: table.find(module_offset) })
+    }
+}
+
+/// How functions of the standard library begin.
+const RUNTIME: [&str; 4] = ["std::", "core::", "alloc::", "__rust"];
+
+impl Place {
+    fn is_runtime(&self) -> bool {
+        let name = self.function.as_ref().map(|function| function.function.trim_start_matches(['<', '&']));
+        name.is_some_and(|name| RUNTIME.iter().any(|begin| name.starts_with(begin)))
     }
 }
 
@@ -146,6 +168,17 @@ mod tests {
         let function = place.function.unwrap();
         assert!(function.function.ends_with("a_function_of_this_test"), "{}", function.function);
         assert_eq!(function.offset, 3);
+    }
+
+    #[test]
+    fn the_standard_librarys_functions_are_told_from_the_components() {
+        let place = |name: &str| {
+            let function = Function { function: name.into(), offset: 1 };
+            Place { module: "libx.so", module_offset: 1, function: Some(function) }
+        };
+        assert!(place("std::thread::functions::sleep").is_runtime());
+        assert!(place("<core::ops::Range<T> as Iterator>::next").is_runtime());
+        assert!(!place("<avoider::Avoider as component_sdk::component::Callbacks>::on_execute").is_runtime());
     }
 
     #[test]

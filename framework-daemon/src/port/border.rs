@@ -1,6 +1,6 @@
 //! Where plugins' port calls arrive: handles become safe calls.
 //!
-//! A handle leads to a place of [`table`](super::table), never to an address: one that is stale, forged or of an instance
+//! A handle leads to a place of [`table`](crate::port::table), never to an address: one that is stale, forged or of an instance
 //! that was replaced is answered "closed", before anything is locked.
 #![allow(unsafe_code, reason = "address of unsafe: a place of the table leads to a port by its address")]
 

@@ -96,7 +96,7 @@ thread_local! {
 }
 
 /// A thread that a plugin started.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Here {
     /// Lower end of its stack.
     low: usize,
@@ -202,7 +202,7 @@ fn lower_end() -> usize {
 impl Here {
     /// True for an address where an overflow of the stack would strike.
     fn is_near_end(&self, address: usize) -> bool {
-        self.low.abs_diff(address) < STACK_OVERFLOW_REACH_BYTES
+        self.low != 0 && self.low.abs_diff(address) < STACK_OVERFLOW_REACH_BYTES
     }
 
     /// Gives back what an overflow filled; what lies near the beginning stays. Not below the frame that runs, where this
@@ -228,7 +228,10 @@ const PAGE_BYTES: usize = 64 << 10;
 
 /// A trap on this thread. Returns where no plugin started it; else the thread ends here.
 pub(super) fn struck(mut trap: Trap, context: &libc::ucontext_t) {
-    let Some(here) = HERE.get() else { return };
+    let here = HERE.get().unwrap_or_default();
+    if here.start == 0 && !trap::is_stray() {
+        return;
+    }
     let (address, pc, sp) = (trap.evidence.address as usize, trap.evidence.pc as usize, trap.evidence.sp as usize);
     // SAFETY: the stack of this thread is mapped between these.
     let caller = if (here.low..here.top).contains(&sp) { unsafe { arch::return_address(context) } } else { 0 };

@@ -2,7 +2,7 @@
 //! signal when the callback on the fiber is late.
 //!
 //! The handler asks first whether foreign code runs on this thread: a fiber is armed, and the stack pointer lies in it. Then
-//! where the program counter is ([`Site`]): where no lock can be held the fiber ends by a change of registers, and the
+//! where the program counter is ([`crate::sys::trap::Site`]): where no lock can be held the fiber ends by a change of registers, and the
 //! executor goes on at once. Elsewhere (in the allocator, in a system call) the *thread* is given up: it passes its
 //! executor to a reserve thread and ends on the spot, without a destructor; a lock that it holds stays with nobody who
 //! would take it again.
@@ -157,7 +157,13 @@ impl Armed {
 
     /// True where plugin code runs: on the fiber's stack, or on one that it brought along or lost its way to.
     fn holds(&self, pc: usize, sp: usize) -> bool {
-        self.pulse.is_beating() && (self.handler.stack_ptr_in_bounds(sp) || text::is_plugin(pc))
+        self.pulse.is_beating() && (self.handler.stack_ptr_in_bounds(sp) || (text::is_plugin(pc) && !self.is_stray()))
+    }
+
+    /// True on a kernel thread that only shares the thread-locals of the executor's.
+    fn is_stray(&self) -> bool {
+        let thread = self.pulse.thread();
+        thread != 0 && thread != thread::id()
     }
 
     fn guard(&self) -> Range<usize> {
@@ -252,6 +258,11 @@ pub fn threads_lost() -> u64 {
 #[inline(never)]
 pub fn on_fiber() -> bool {
     armed().is_some_and(|armed| armed.pulse.is_beating())
+}
+
+/// True on a thread that a callback made by `clone`: it shares the thread-locals of the thread that runs the callback.
+pub(super) fn is_stray() -> bool {
+    armed().is_some_and(|armed| armed.pulse.is_beating() && armed.is_stray())
 }
 
 fn armed() -> Option<&'static Armed> {

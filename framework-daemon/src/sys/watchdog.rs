@@ -1,5 +1,5 @@
 //! Sees which callback is over its deadline and signals the thread that runs it; the handler there does the rest
-//! ([`super::trap`]).
+//! ([`crate::sys::trap`]).
 //!
 //! It sleeps until the earliest deadline, or until one could pass that began after it looked: exact, and without a timer
 //! for each callback, which would cost each 0.7 us. One thread for all executors, at a real-time priority where that is

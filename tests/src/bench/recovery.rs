@@ -14,5 +14,5 @@ use super::stats::Samples;
 pub fn measure(symptom: &str, payload: Payload, policy: &str, faults: usize) -> (Steps, Samples) {
     let code = inject::code(symptom).expect("it can be provoked");
     let limit = if symptom == "crash.panic" { limits::panic } else { limits::trap };
-    rig::measure(&profiles("Downer", "", payload), policy, code, faults, limit)
+    rig::measure(&profiles("Beat", "", payload), policy, code, faults, limit)
 }

@@ -116,10 +116,10 @@ fn own_process() -> i32 {
 pub(super) fn caller() -> Caller {
     let guest = if handlers::is_here() {
         Caller::Handler
+    } else if foreign::is_here() || trap::is_stray() {
+        Caller::Thread
     } else if trap::on_fiber() {
         Caller::Fiber
-    } else if foreign::is_here() {
-        Caller::Thread
     } else if LOADS.get() {
         Caller::Loader
     } else {

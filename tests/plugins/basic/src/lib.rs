@@ -291,4 +291,18 @@ impl Callbacks for Stubborn {
     }
 }
 
-export_components!(Ticker, Downer, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn);
+/// Counts its periods and does nothing else.
+#[derive(Component)]
+#[component(name = "Beat", version = "1.0", periodic = "2ms")]
+pub struct Beat {
+    cycles: u64,
+}
+
+impl Callbacks for Beat {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.cycles += 1;
+        Ok(())
+    }
+}
+
+export_components!(Beat, Ticker, Downer, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn);

@@ -1,6 +1,7 @@
 //! On a thread of its own, and in signal handlers of its own: what would end the process ends that thread or handler and is
 //! a fault of the slot.
 
+use std::sync::atomic::{AtomicI32, Ordering};
 use std::thread;
 
 use component_sdk::prelude::*;
@@ -10,6 +11,8 @@ use crate::{mask_all, null_write, overflow, reset_handlers};
 /// Starts a thread and does not wait for it, or signals itself.
 pub(crate) fn commit(deed: &str) -> Outcome {
     let body: fn() = match deed {
+        "clone null" => return clone_thread(null_body),
+        "clone exit" => return clone_thread(exit_body),
         "own handler null" => return handle_by(null_handler, libc::raise),
         "own handler abort" => return handle_by(abort_handler, libc::raise),
         "own handler exit" => return handle_by(exit_handler, libc::raise),
@@ -33,6 +36,36 @@ pub(crate) fn commit(deed: &str) -> Outcome {
     };
     drop(thread::Builder::new().spawn(body)?);
     Ok(())
+}
+
+extern "C" fn null_body(_: *mut libc::c_void) -> i32 {
+    null_write();
+    0
+}
+
+extern "C" fn exit_body(_: *mut libc::c_void) -> i32 {
+    // SAFETY: ends this kernel thread.
+    unsafe { libc::syscall(libc::SYS_exit, 0) as i32 }
+}
+
+/// A kernel thread that the C library does not know. The callback waits for its end.
+fn clone_thread(body: extern "C" fn(*mut libc::c_void) -> i32) -> Outcome {
+    let stack = Box::leak(vec![0u8; 64 << 10].into_boxed_slice());
+    let running = Box::leak(Box::new(AtomicI32::new(1)));
+    let flags = libc::CLONE_VM
+        | libc::CLONE_FS
+        | libc::CLONE_FILES
+        | libc::CLONE_SIGHAND
+        | libc::CLONE_THREAD
+        | libc::CLONE_SYSVSEM
+        | libc::CLONE_CHILD_CLEARTID;
+    let (none, top) = (std::ptr::null_mut::<libc::c_void>(), stack.as_mut_ptr_range().end);
+    // SAFETY: the stack and the word that the kernel clears are never freed.
+    let thread = unsafe { libc::clone(body, top.cast(), flags, none, none, none, running.as_ptr()) };
+    while thread > 0 && running.load(Ordering::Acquire) != 0 {
+        thread::yield_now();
+    }
+    if thread > 0 { Ok(()) } else { Err(fault!("no thread: {}", std::io::Error::last_os_error())) }
 }
 
 extern "C" fn null_handler(_: i32) {

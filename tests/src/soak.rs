@@ -11,7 +11,7 @@ use crate::running::Running;
 
 /// Memory that an instance which trapped leaves behind, at most: itself, its ports' ends, its place in lists. Its stack's
 /// pages are given back.
-pub const LEAK_BYTES_MAX: u64 = 1024;
+pub const LEAK_BYTES_MAX: u64 = 256;
 /// What memory may grow by for other reasons: buffers that reach their size, the allocator's rounding.
 const SLACK_BYTES: u64 = 8 << 20;
 /// Mappings, threads, descriptors may grow by that many.

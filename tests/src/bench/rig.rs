@@ -169,6 +169,7 @@ impl Rig {
             if let Some(event) = self.events.try_iter().find(recovered) {
                 return event;
             }
+            self.member.breathe_out(&mut self.crew);
             assert!(self.member.state() == State::Active, "too many recoveries failed");
         }
     }

@@ -15,6 +15,7 @@ use super::trigger::Bell;
 use crate::model::fault::FaultSender;
 use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
+use crate::port::output;
 use crate::profile::plan::Trigger;
 use crate::sys::fiber::FiberPool;
 use crate::sys::foreign::Report;
@@ -189,7 +190,9 @@ impl Run {
     fn until_quit(mut self) {
         loop {
             // The thread may be another one than before.
-            self.bell.adopt();
+            if self.bell.adopt() {
+                output::warm_up();
+            }
             while let Ok(command) = self.inbox.try_recv() {
                 if !self.obey(command) {
                     return;

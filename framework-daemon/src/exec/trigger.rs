@@ -32,9 +32,10 @@ impl Bell {
         Arc::new(Self { waker: Waker::default(), ready: ArrayQueue::new(MEMBERS_MAX), retired: AtomicBool::new(false) })
     }
 
-    /// Says that the calling thread is this executor's.
-    pub fn adopt(self: &Arc<Self>) {
-        HERE.set(Arc::as_ptr(self));
+    /// Says that the calling thread is this executor's; true where it was not before.
+    #[inline(never)]
+    pub fn adopt(self: &Arc<Self>) -> bool {
+        !std::ptr::eq(HERE.replace(Arc::as_ptr(self)), Arc::as_ptr(self))
     }
 
     /// The executor's thread will do nothing any more, though it may not end.

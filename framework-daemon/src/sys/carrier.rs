@@ -68,8 +68,6 @@ pub fn spawn(
 struct Reserve {
     schedule: Schedule,
     relay: &'static Relay<Armed>,
-    /// How many should wait.
-    wanted: usize,
     waiting: Arc<()>,
 }
 
@@ -90,7 +88,7 @@ fn reserve(schedule: &Schedule) -> std::io::Result<&'static Relay<Armed>> {
     }
     // One for each schedule that was ever used: handlers hold on to it.
     let relay: &'static Relay<Armed> = Box::leak(Box::default());
-    let mut reserve = Reserve { schedule: schedule.clone(), relay, wanted: RESERVE_THREADS, waiting: Arc::default() };
+    let mut reserve = Reserve { schedule: schedule.clone(), relay, waiting: Arc::default() };
     reserve.fill()?;
     reserves.push(reserve);
     Ok(relay)
@@ -126,7 +124,7 @@ fn keep() {
 
 impl Reserve {
     fn fill(&mut self) -> std::io::Result<()> {
-        while Arc::strong_count(&self.waiting) <= self.wanted {
+        while Arc::strong_count(&self.waiting) <= RESERVE_THREADS {
             let (relay, waiting) = (self.relay, Arc::clone(&self.waiting));
             thread::spawn_guarded("reserve", self.schedule.clone(), |_| {}, move || stand_by(relay, waiting))?;
         }

@@ -76,11 +76,7 @@ pub fn learn(path: &str, file: &Path) -> Vec<Range<usize>> {
 /// Where private copies of plugins are loaded from.
 pub const COPIES: &str = "/proc/self/fd/";
 
-/// Enters a range of a plugin; false: the table is full, and faults there count as happened elsewhere.
-pub fn add_plugin(range: Range<usize>, name: &'static str) -> bool {
-    add(Text { range, bias: 0, name, path: "", owner: Owner::Plugin })
-}
-
+/// Enters a range; false: the table is full, and faults there count as happened elsewhere.
 fn add(text: Text) -> bool {
     let place = TABLE.get(USED.fetch_add(1, Ordering::AcqRel));
     place.is_some_and(|place| place.set(text).is_ok())
@@ -93,16 +89,22 @@ pub fn find(pc: usize) -> Option<&'static Text> {
     TABLE[..used].iter().filter_map(OnceLock::get).find(|text| text.range.contains(&pc))
 }
 
+/// Whose code that address is in; `None`: nobody's that is known.
+#[must_use]
+pub fn owner(pc: usize) -> Option<Owner> {
+    find(pc).map(|text| text.owner)
+}
+
 /// True in the text of a plugin.
 #[must_use]
 pub fn is_plugin(pc: usize) -> bool {
-    find(pc).is_some_and(|text| text.owner == Owner::Plugin)
+    owner(pc) == Some(Owner::Plugin)
 }
 
 /// True in the daemon's own text.
 #[must_use]
 pub fn is_daemon(pc: usize) -> bool {
-    find(pc).is_some_and(|text| text.owner == Owner::Daemon)
+    owner(pc) == Some(Owner::Daemon)
 }
 
 /// File name of the plugin that holds that address.
@@ -184,7 +186,7 @@ mod tests {
     #[test]
     fn a_range_is_found_by_every_address_in_it() {
         let base = 0x6000_0000_0000;
-        assert!(add_plugin(base..base + 100, "some.so"));
+        assert!(add(Text { range: base..base + 100, bias: 0, name: "some.so", path: "", owner: Owner::Plugin }));
         assert_eq!((plugin_of(base), plugin_of(base + 99)), (Some("some.so"), Some("some.so")));
         assert!(plugin_of(base + 100).is_none() && plugin_of(base - 1).is_none());
     }

@@ -22,6 +22,7 @@ use super::last_words::{self, Death, End};
 use super::pulse::Pulse;
 use super::relay::Relay;
 use super::shield::handlers;
+use super::text::Owner;
 use super::{arch, clock, foreign, heap, leaf, shield, text, thread};
 use crate::model::fault::TrapEvidence;
 use crate::model::limits::{CALLERS, HANG_ATTEMPTS, HANG_ATTEMPTS_IN_DAEMON, STACK_WORDS};
@@ -91,17 +92,19 @@ pub enum Site {
 impl Site {
     /// Of an access to `address` at `pc`, in a function that returns to `caller`, if it has no frame.
     pub(super) fn of(address: usize, pc: usize, caller: usize) -> Self {
-        if text::is_plugin(pc) {
-            return Self::Plugin;
-        }
-        if text::is_daemon(pc) {
-            return Self::Daemon;
+        match text::owner(pc) {
+            Some(Owner::Plugin) => return Self::Plugin,
+            Some(Owner::Daemon) => return Self::Daemon,
+            _ => {}
         }
         let nowhere = pc == address;
-        match (leaf::holds(pc) || nowhere, text::is_plugin(caller), text::is_daemon(caller)) {
-            (true, true, _) if nowhere => Self::Plugin,
-            (true, true, _) => Self::Leaf,
-            (true, _, true) => Self::Daemon,
+        if !nowhere && !leaf::holds(pc) {
+            return Self::Elsewhere;
+        }
+        match text::owner(caller) {
+            Some(Owner::Plugin) if nowhere => Self::Plugin,
+            Some(Owner::Plugin) => Self::Leaf,
+            Some(Owner::Daemon) => Self::Daemon,
             _ => Self::Elsewhere,
         }
     }

@@ -89,16 +89,12 @@ impl Watched {
                     pulse.forget_attempts();
                 }
                 signal(pulse.thread());
-                now + nanoseconds(WATCHDOG_RETRY)
+                now + WATCHDOG_RETRY.as_nanos() as u64
             }
         };
         self.signalled = Some((deadline, again));
         Some(again)
     }
-}
-
-const fn nanoseconds(duration: std::time::Duration) -> u64 {
-    duration.as_nanos() as u64
 }
 
 fn signal(thread: i32) {

@@ -4,7 +4,8 @@ use super::callback;
 use super::member::{Crew, Member};
 use crate::model::fault::Fault;
 use crate::model::lifecycle::State;
-use crate::sys::foreign::{Owner, Report};
+use crate::sys::foreign::Report;
+use crate::sys::seat::Owner;
 
 impl Member {
     /// Answers what happened on a thread of this slot. A thread that trapped takes its instance along, whose memory it
@@ -28,7 +29,7 @@ impl Member {
         if fault.symptom.loses_instance() {
             let mut units = self.standbys.iter_mut().map(|standby| &mut standby.unit);
             let standby = units.find_map(|unit| unit.take_if(|unit| unit.number == instance));
-            if let Some(mut unit) = standby.or_else(|| self.shelf.take_instance(instance)) {
+            if let Some(mut unit) = standby.or_else(|| self.find_spare(instance)) {
                 unit.spent = true;
                 crew.dispose(&self.slot, unit);
             }

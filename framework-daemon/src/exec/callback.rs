@@ -10,8 +10,9 @@ use crate::model::symptom::Symptom;
 use crate::plugin::host;
 use crate::port::check;
 use crate::sys::clock;
-use crate::sys::fiber::FiberPool;
-use crate::sys::foreign::{Event, Owner};
+use crate::sys::fiber::{Ended, FiberPool};
+use crate::sys::foreign::Event;
+use crate::sys::seat::{self, Owner};
 use crate::sys::trap::{Site, Trap};
 
 /// What a callback is entered with.
@@ -58,7 +59,7 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
 ///
 /// # Errors
 /// The fault that ended it; for a property that does not fit, with its text.
-pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Result<Unit, Fault> {
+pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Result<Box<Unit>, Fault> {
     let mut built = None;
     let limits = parts.limits();
     let owner = Owner { slot, instance: parts.number() };
@@ -102,7 +103,7 @@ pub struct Disposal {
 }
 
 /// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop.
-pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Unit) -> Disposal {
+pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Box<Unit>) -> Disposal {
     unit.close();
     let fault = if unit.spent { None } else { drop_object(fibers, slot, &mut unit) };
     let dropped = !unit.spent;
@@ -127,8 +128,10 @@ fn drop_object(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit) -> O
 /// What a callback that went well reported on the side: a bad value that it wrote, a fault that it raised.
 #[must_use]
 pub fn side_report() -> Option<Fault> {
-    let raised = host::has_told().then(host::take_raised).flatten();
-    let raised = raised.map(|message| (Symptom::Raised, Evidence::Text { message }));
+    if !seat::has_notes() {
+        return None;
+    }
+    let raised = host::take_raised().map(|message| (Symptom::Raised, Evidence::Text { message }));
     let (symptom, evidence) =
         raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
     let now = clock::now_ns();
@@ -142,11 +145,14 @@ fn guarded(
     deadline_ns: u64,
     closure: &mut dyn FnMut(),
 ) -> Result<(), Fault> {
-    host::enter_slot(owner);
-    let _ = check::take_report();
+    if seat::enter(owner) {
+        // Nobody's any more.
+        let _ = forget_notes();
+        host::forget_regions();
+    }
     match fibers.run(stack_bytes, deadline_ns, closure) {
-        Ok(None) => Ok(()),
-        Ok(Some(trap)) => Err(trapped(&trap)),
+        Ok(Ended::Returned) => Ok(()),
+        Ok(Ended::Trapped) => Err(fibers.trap().map_or_else(|| told(Symptom::CrashSegv, ""), trapped)),
         Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
     }
 }

@@ -7,8 +7,8 @@
 
 use std::time::Duration;
 
-use super::member::nanoseconds;
 use crate::model::limits::CHECKPOINT_BYTES;
+use crate::model::time::nanoseconds;
 use crate::sys::clock;
 
 /// A part of an instance's checkpoint.

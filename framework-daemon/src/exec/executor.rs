@@ -10,11 +10,12 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, SendError, Sender};
 
-use super::member::{Crew, Member, nanoseconds};
+use super::member::{Crew, Member};
 use super::trigger::Bell;
 use crate::model::fault::FaultSender;
 use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
+use crate::model::time::nanoseconds;
 use crate::port::output;
 use crate::profile::plan::Trigger;
 use crate::sys::fiber::FiberPool;

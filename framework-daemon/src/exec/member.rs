@@ -16,6 +16,7 @@ use super::workshop::Shelf;
 use crate::model::fault::{Fault, FaultSender};
 use crate::model::ladder::Ladder;
 use crate::model::lifecycle::{Event, State};
+use crate::model::time::nanoseconds;
 use crate::port::output;
 use crate::profile::plan::{Preload, Trigger};
 use crate::sys::clock;
@@ -36,7 +37,7 @@ pub struct Standby {
     /// How far it is prepared.
     pub preload: Preload,
     /// The instance, where it is prepared that far.
-    pub unit: Option<Unit>,
+    pub unit: Option<Box<Unit>>,
 }
 
 /// A slot and all that only its executor touches.
@@ -56,7 +57,9 @@ pub struct Member {
     /// Secondaries, in the ladder's order.
     pub standbys: Vec<Standby>,
     /// The instance; none after a fault-stop that lost it.
-    pub unit: Option<Unit>,
+    pub unit: Option<Box<Unit>>,
+    /// A spare at hand: it was made on another processor, and is to be near before it is needed.
+    pub spare: Option<Box<Unit>>,
     /// When the next period begins.
     pub next_due_ns: u64,
     /// Place in the order of data flow.
@@ -122,7 +125,7 @@ impl Member {
     ///
     /// # Errors
     /// The fault of its constructor or of `initialize`.
-    pub fn make(&self, number: usize, crew: &mut Crew) -> Result<Unit, Fault> {
+    pub fn make(&self, number: usize, crew: &mut Crew) -> Result<Box<Unit>, Fault> {
         crew.make(&self.slot, self.shelf.recipe(number))
     }
 
@@ -190,6 +193,7 @@ impl Member {
                 return;
             }
         }
+        self.reach_for_spare();
         let inject = self.inject.pop_front().unwrap_or(0);
         let queued = self.queued();
         let began = clock::now_ns();
@@ -276,7 +280,8 @@ impl Member {
         if let Some(unit) = self.unit.take() {
             crew.dispose(&self.slot, unit);
         }
-        let standbys = std::mem::take(&mut self.standbys).into_iter().filter_map(|standby| standby.unit);
+        let spare = self.put_spare_down();
+        let standbys = std::mem::take(&mut self.standbys).into_iter().filter_map(|standby| standby.unit).chain(spare);
         for unit in standbys.chain(self.shelf.close()) {
             crew.end(&self.slot, unit);
         }
@@ -299,10 +304,4 @@ impl Member {
             let _ = crew.fibers.prepare(stack_bytes, READY_FIBERS);
         }
     }
-}
-
-/// A period in nanoseconds, at least one.
-#[must_use]
-pub fn nanoseconds(period: std::time::Duration) -> u64 {
-    u64::try_from(period.as_nanos()).unwrap_or(u64::MAX).max(1)
 }

@@ -25,6 +25,9 @@ pub mod prepare;
 /// The local answer to a fault: reset, replace or stop, at once.
 pub mod recover;
 
+/// The spare that an executor has at hand.
+mod spare;
+
 /// A slot as everybody sees it: name, ports, counters.
 pub mod slot;
 

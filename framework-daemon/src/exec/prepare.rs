@@ -14,13 +14,14 @@ use crate::model::ladder::Answer;
 use crate::model::names;
 use crate::model::symptom::{Severity, Symptom};
 use crate::plugin::host;
+use crate::sys::seat;
 
 impl Crew {
     /// An initialised instance after a recipe.
     ///
     /// # Errors
     /// The fault of its constructor or of `initialize`.
-    pub fn make(&mut self, slot: &Slot, recipe: &Recipe) -> Result<Unit, Fault> {
+    pub fn make(&mut self, slot: &Slot, recipe: &Recipe) -> Result<Box<Unit>, Fault> {
         let parts = recipe.gather(slot).map_err(|text| callback::told(Symptom::Error, &text))?;
         let unit = callback::create(&mut self.fibers, slot.name, parts);
         self.lost |= unit.as_ref().is_err_and(|fault| fault.symptom.loses_instance());
@@ -33,13 +34,13 @@ impl Crew {
     ///
     /// # Errors
     /// The fault of its constructor, of `initialize` or of `rehearse`.
-    pub fn prepare(&mut self, slot: &Slot, recipe: &Recipe) -> Result<Unit, Fault> {
+    pub fn prepare(&mut self, slot: &Slot, recipe: &Recipe) -> Result<Box<Unit>, Fault> {
         let unit = self.make(slot, recipe)?;
         self.first(slot, unit, Hook::Rehearse)
     }
 
     /// Enters one of the first callbacks of a unit that is not in use yet.
-    fn first(&mut self, slot: &Slot, mut unit: Unit, hook: Hook) -> Result<Unit, Fault> {
+    fn first(&mut self, slot: &Slot, mut unit: Box<Unit>, hook: Hook) -> Result<Box<Unit>, Fault> {
         match self.enter(slot, &mut unit, Call::plain(hook)) {
             Ok(()) => Ok(unit),
             Err(fault) => {
@@ -56,9 +57,11 @@ impl Crew {
     pub fn enter(&mut self, slot: &Slot, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
         let result = callback::enter(&mut self.fibers, slot.name, unit, call);
         self.lost |= unit.spent;
-        while let Some(note) = host::take_region() {
-            let name = names::intern(note.name.as_str());
-            unit.register(Region { name, address: note.address, len: note.len });
+        if seat::has_notes() {
+            while let Some(note) = host::take_region() {
+                let name = names::intern(note.name.as_str());
+                unit.register(Region { name, address: note.address, len: note.len });
+            }
         }
         result
     }
@@ -98,7 +101,7 @@ impl Crew {
 
     /// Ends a unit that was ready, or left on the shelf: in order where it is sound. What it does about that changes nothing
     /// any more, and is written down.
-    pub fn end(&mut self, slot: &Slot, mut unit: Unit) {
+    pub fn end(&mut self, slot: &Slot, mut unit: Box<Unit>) {
         if unit.spent {
             // Counted by its executor, at once.
             return unit.quarantine();
@@ -115,7 +118,7 @@ impl Crew {
     }
 
     /// Gets rid of a unit: dropped where it is sound, quarantined and counted where it is not.
-    pub fn dispose(&mut self, slot: &Slot, unit: Unit) {
+    pub fn dispose(&mut self, slot: &Slot, unit: Box<Unit>) {
         let class = unit.class;
         let disposal = callback::dispose(&mut self.fibers, slot.name, unit);
         if let Some(fault) = disposal.fault {

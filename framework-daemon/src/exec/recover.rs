@@ -10,13 +10,14 @@ use component_sdk::abi::class::{FaultArgs, Hook};
 
 use super::callback::{self, Call};
 use super::checkpoint::Checkpoint;
-use super::member::{Crew, Member, nanoseconds};
+use super::member::{Crew, Member};
 use super::slot::Status;
 use super::unit::Unit;
 use crate::model::fault::{Fault, FaultEvent, FaultSender, Outcome, Times};
 use crate::model::ladder::Answer;
 use crate::model::lifecycle::{Event, State};
 use crate::model::limits::{BREATH_MAX, BREATH_MIN, BREATHLESS_FAILURES, RECOVERY_STEPS_MAX};
+use crate::model::time::nanoseconds;
 use crate::profile::plan::Trigger;
 use crate::sys::clock;
 
@@ -186,7 +187,7 @@ impl Member {
     fn reset(&mut self, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
         if self.unit.as_ref().is_none_or(|unit| unit.spent) {
             let number = self.shelf.in_use();
-            let spare = self.shelf.take();
+            let spare = self.take_spare();
             return self.succeed_by(spare, number, fault, climb, crew);
         }
         for hook in [Hook::Error, Hook::Reset] {
@@ -212,13 +213,16 @@ impl Member {
         let Some(index) = self.ladder.secondary() else { return self.fault_stop(climb.cause(fault), crew) };
         let ready = self.standbys[index].unit.take();
         self.shelf.follow(index + 1);
+        if let Some(spare) = self.put_spare_down() {
+            self.clear(spare, crew);
+        }
         self.succeed_by(ready, index + 1, fault, climb, crew)
     }
 
     /// A successor that is ready, or one that is made on the spot after the recipe of that number.
     fn succeed_by(
         &mut self,
-        ready: Option<Unit>,
+        ready: Option<Box<Unit>>,
         number: usize,
         fault: &Fault,
         climb: &mut Climb,
@@ -234,9 +238,9 @@ impl Member {
     }
 
     /// Puts a successor in the place of the instance in use.
-    fn succeed(&mut self, unit: Unit, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
+    fn succeed(&mut self, unit: Box<Unit>, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
         self.slot.status.set_class(unit.recipe);
-        self.unit.iter().for_each(Unit::close);
+        self.unit.iter().for_each(|unit| unit.close());
         unit.open();
         let old = self.unit.replace(unit);
         let step = match self.restore(crew) {
@@ -265,12 +269,12 @@ impl Member {
     }
 
     /// Leaves a unit to the workshop.
-    fn clear(&self, unit: Unit, crew: &mut Crew) {
+    fn clear(&self, unit: Box<Unit>, crew: &mut Crew) {
         if unit.spent {
             Status::count(&self.slot.status.quarantined);
         }
         if let Err(unit) = self.shelf.clear(unit) {
-            crew.end(&self.slot, *unit);
+            crew.end(&self.slot, unit);
         }
     }
 
@@ -318,6 +322,9 @@ impl Member {
             self.clear(unit, crew);
         }
         self.shelf.retire();
+        if let Some(spare) = self.put_spare_down() {
+            self.clear(spare, crew);
+        }
         Step::Stopped
     }
 

@@ -1,7 +1,6 @@
 //! An instance with its bindings, and the recipe for another one.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use abi_stable::std_types::RStr;
 use component_sdk::abi::class::{CallStatus, ClassDecl, Direction, Hook};
@@ -11,13 +10,14 @@ use super::checkpoint::Region;
 use super::slot::Slot;
 use crate::detect::deadline;
 use crate::model::fault::{Evidence, Fault};
-use crate::model::limits::{HANG, HANG_AT_START, HANG_AT_STOP, STACK_BYTES};
+use crate::model::limits::{HANG, HANG_AT_START, HANG_AT_STOP, NEAR_BYTES, STACK_BYTES};
 use crate::model::symptom::Symptom;
+use crate::model::time::nanoseconds;
 use crate::plugin::Class;
 use crate::plugin::instance::{self, Instance};
 use crate::port::border::Binding;
 use crate::profile::plan::Execution;
-use crate::sys::clock;
+use crate::sys::{arch, clock};
 
 /// Finds and loads a class when it is needed: `preload="none"`.
 pub type Loader = Arc<dyn Fn() -> Result<Class, String> + Send + Sync>;
@@ -61,7 +61,6 @@ impl Limits {
     /// What a component profile says, with the defaults for what it does not say.
     #[must_use]
     pub fn new(execution: &Execution) -> Self {
-        let nanoseconds = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         Self {
             stack_bytes: execution.stack.unwrap_or(STACK_BYTES),
             budget_ns: execution.deadline.map(|deadline| nanoseconds(deadline.budget)),
@@ -84,8 +83,8 @@ impl Limits {
     #[must_use]
     pub const fn of(&self, hook: Hook) -> u64 {
         match hook {
-            Hook::Initialize | Hook::Start => HANG_AT_START.as_nanos() as u64,
-            Hook::Stop | Hook::Destroy => HANG_AT_STOP.as_nanos() as u64,
+            Hook::Initialize | Hook::Start => nanoseconds(HANG_AT_START),
+            Hook::Stop | Hook::Destroy => nanoseconds(HANG_AT_STOP),
             Hook::Execute | Hook::Update | Hook::Event | Hook::Error | Hook::Reset | Hook::Recover | Hook::Rehearse => {
                 self.hang_ns
             }
@@ -174,7 +173,7 @@ impl Parts {
     /// # Errors
     /// How the constructor ended, and its text.
     pub fn build(&self, texts: &[RStr<'_>]) -> Result<Instance, (CallStatus, String)> {
-        Instance::create(self.number, self.class.exported(), &self.handles, texts)
+        Instance::create(self.class.exported(), &self.handles, texts)
     }
 
     /// Property texts in the class's order, as the constructor gets them.
@@ -185,8 +184,8 @@ impl Parts {
 
     /// The unit, once the instance is there.
     #[must_use]
-    pub fn finish(self, instance: Instance) -> Unit {
-        Unit {
+    pub fn finish(self, instance: Instance) -> Box<Unit> {
+        Box::new(Unit {
             regions: critical_fields(&self.class.exported().decl, instance.address()),
             instance,
             number: self.number,
@@ -196,7 +195,7 @@ impl Parts {
             spent: false,
             started: false,
             bindings: self.bindings,
-        }
+        })
     }
 
     /// Number of the instance to be.
@@ -239,6 +238,13 @@ impl Unit {
     /// half-changed. What the daemon had for it is.
     pub fn quarantine(self) {
         self.bindings.iter().for_each(Binding::forget_scratch);
+    }
+
+    /// Fetches its memory to this processor, as far as it is one piece.
+    pub fn bring_near(&self) {
+        self.bindings.iter().for_each(Binding::bring_near);
+        let size = self.instance.class().decl.size;
+        arch::bring_near(self.instance.address(), size.min(NEAR_BYTES));
     }
 
     /// It takes the slot over: its ports lead somewhere.

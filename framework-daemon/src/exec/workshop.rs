@@ -24,6 +24,7 @@ use crate::model::ladder::Answer;
 use crate::model::limits::{CLEARED_UNITS, SHUTDOWN_STEP, SLOTS, SPARE_PAUSE_MAX, SPARE_PAUSE_MIN};
 use crate::model::schedule::Schedule;
 use crate::model::symptom::SeverityTable;
+use crate::model::time::nanoseconds;
 use crate::sys::fiber::FiberPool;
 use crate::sys::wake::Waker;
 use crate::sys::{arch, carrier, clock, watchdog};
@@ -47,8 +48,10 @@ pub struct Shelf {
     spares: usize,
     /// Number of the recipe in use: spares are made after it.
     in_use: AtomicUsize,
-    ready: ArrayQueue<Unit>,
-    cleared: ArrayQueue<Unit>,
+    ready: ArrayQueue<Box<Unit>>,
+    cleared: ArrayQueue<Box<Unit>>,
+    /// The slot's executor has one at hand.
+    at_hand: AtomicBool,
     waits: AtomicBool,
     closed: AtomicBool,
     orders: Arc<Orders>,
@@ -69,7 +72,7 @@ impl Shelf {
     /// Spares that are ready, and how many there are to be.
     #[must_use]
     pub fn stock(&self) -> (usize, usize) {
-        (self.ready.len(), self.spares)
+        (self.ready.len() + usize::from(self.at_hand.load(Ordering::Relaxed)), self.spares)
     }
 
     /// Number of the recipe in use.
@@ -85,7 +88,7 @@ impl Shelf {
 
     /// A spare of the class in use, where one is ready.
     #[must_use]
-    pub fn take(&self) -> Option<Unit> {
+    pub fn take(&self) -> Option<Box<Unit>> {
         let wanted = self.in_use();
         while let Some(unit) = self.ready.pop() {
             if unit.recipe == wanted {
@@ -99,8 +102,20 @@ impl Shelf {
         None
     }
 
+    /// True when nothing is ready.
+    #[must_use]
+    #[inline]
+    pub fn is_bare(&self) -> bool {
+        self.ready.is_empty()
+    }
+
+    /// The slot's executor took one in advance, or used it.
+    pub fn set_at_hand(&self, at_hand: bool) {
+        self.at_hand.store(at_hand, Ordering::Release);
+    }
+
     /// The spare of that number, if it is here.
-    pub(super) fn take_instance(&self, number: u64) -> Option<Unit> {
+    pub(super) fn take_instance(&self, number: u64) -> Option<Box<Unit>> {
         (0..self.ready.len()).filter_map(|_| self.ready.pop()).find_map(|unit| {
             if unit.number == number {
                 return Some(unit);
@@ -120,8 +135,8 @@ impl Shelf {
     ///
     /// # Errors
     /// The unit, which its executor must end itself.
-    pub fn clear(&self, unit: Unit) -> Result<(), Box<Unit>> {
-        self.cleared.push(unit).map_err(Box::new)
+    pub fn clear(&self, unit: Box<Unit>) -> Result<(), Box<Unit>> {
+        self.cleared.push(unit)
     }
 
     /// Asks for what is missing, and that what was left is cleared away.
@@ -138,7 +153,7 @@ impl Shelf {
 
     /// The slot ends: nothing is prepared for it any more; returns what was there. What is being prepared at this moment
     /// is ended by the workshop.
-    pub fn close(&self) -> impl Iterator<Item = Unit> {
+    pub fn close(&self) -> impl Iterator<Item = Box<Unit>> {
         self.retire();
         std::iter::from_fn(|| self.cleared.pop().or_else(|| self.ready.pop()))
     }
@@ -148,7 +163,7 @@ impl Shelf {
     }
 
     fn wants_more(&self) -> bool {
-        !self.is_closed() && self.ready.len() < self.spares
+        !self.is_closed() && self.stock().0 < self.spares
     }
 }
 
@@ -203,6 +218,7 @@ impl Workshop {
             in_use: AtomicUsize::new(0),
             ready: ArrayQueue::new(spares.max(1)),
             cleared: ArrayQueue::new(CLEARED_UNITS),
+            at_hand: AtomicBool::new(false),
             waits: AtomicBool::new(false),
             closed: AtomicBool::new(false),
             orders: Arc::clone(&self.orders),
@@ -211,7 +227,7 @@ impl Workshop {
 
     /// Waits until all that was ordered was tried once, but no longer than `limit`; false: it was not.
     pub fn settle(&self, limit: Duration) -> bool {
-        let end = clock::now_ns() + u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX);
+        let end = clock::now_ns() + nanoseconds(limit);
         while !self.orders.is_idle() && clock::now_ns() < end {
             std::thread::sleep(Duration::from_millis(1));
         }
@@ -312,7 +328,7 @@ impl Worker {
                 Ok(unit) => put_back(&mut self.crew, shelf, unit),
                 Err(fault) => {
                     self.tell(shelf, number, fault);
-                    let until_ns = clock::now_ns() + pause.as_nanos() as u64;
+                    let until_ns = clock::now_ns() + nanoseconds(pause);
                     self.resting.push(Resting { shelf: Arc::clone(shelf), until_ns, pause });
                     return;
                 }
@@ -349,7 +365,7 @@ impl Worker {
 }
 
 /// Puts a unit on its shelf; ends it where the slot ended meanwhile.
-fn put_back(crew: &mut Crew, shelf: &Shelf, unit: Unit) {
+fn put_back(crew: &mut Crew, shelf: &Shelf, unit: Box<Unit>) {
     if let Err(unit) = shelf.ready.push(unit) {
         crew.end(&shelf.slot, unit);
     }

@@ -3,72 +3,13 @@
 //! Everything in [`Fault`](crate::model::fault::Fault) is `Copy` and of fixed size, because it is put together on the recovery path, where nothing
 //! allocates; [`FaultEvent`](crate::model::fault::FaultEvent) is made from it afterwards.
 
-use std::fmt;
-
 use serde::Serialize;
 
 use super::ladder::Answer;
-use super::limits::{CALLERS, TEXT_BYTES};
+use super::limits::CALLERS;
 pub use super::registers::Registers;
 use super::symptom::{Severity, Symptom};
-
-/// A text of fixed size that cuts instead of growing.
-#[derive(Clone, Copy)]
-pub struct ShortText {
-    bytes: [u8; TEXT_BYTES],
-    len: u16,
-}
-
-impl ShortText {
-    /// No text.
-    pub const EMPTY: Self = Self { bytes: [0; TEXT_BYTES], len: 0 };
-
-    /// The text, cut at a character border.
-    #[must_use]
-    pub fn new(text: &str) -> Self {
-        Self::of(format_args!("{text}"))
-    }
-
-    /// The formatted text, cut at a character border.
-    #[must_use]
-    pub fn of(text: fmt::Arguments<'_>) -> Self {
-        let mut short = Self::EMPTY;
-        // It never fails: it cuts.
-        let _ = fmt::write(&mut short, text);
-        short
-    }
-
-    /// The text.
-    #[must_use]
-    pub fn as_str(&self) -> &str {
-        std::str::from_utf8(&self.bytes[..usize::from(self.len)]).unwrap_or_default()
-    }
-}
-
-impl fmt::Write for ShortText {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        let start = usize::from(self.len);
-        let mut end = text.len().min(TEXT_BYTES - start);
-        while !text.is_char_boundary(end) {
-            end -= 1;
-        }
-        self.bytes[start..start + end].copy_from_slice(&text.as_bytes()[..end]);
-        self.len += end as u16;
-        Ok(())
-    }
-}
-
-impl fmt::Debug for ShortText {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        fmt::Debug::fmt(self.as_str(), f)
-    }
-}
-
-impl Serialize for ShortText {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self.as_str())
-    }
-}
+pub use super::text::{Label, ShortText};
 
 /// What a detector saw.
 #[derive(Clone, Copy, Debug)]
@@ -127,8 +68,8 @@ pub enum Evidence {
     Panic {
         /// Its message.
         message: ShortText,
-        /// Source file.
-        file: ShortText,
+        /// Source file, or the end of its path.
+        file: Label,
         /// Line in it.
         line: u32,
     },
@@ -147,9 +88,9 @@ pub enum Evidence {
     /// A value outside its range.
     Value {
         /// Port that carried it.
-        port: ShortText,
+        port: Label,
         /// Field that holds it.
-        field: ShortText,
+        field: Label,
         /// The value.
         value: f64,
         /// The bound that it crossed.
@@ -274,15 +215,3 @@ pub struct RestartRequest {
 
 /// Where executors put fault events; the fault manager holds the other end. Bounded: what does not fit is counted.
 pub type FaultSender = crossbeam_channel::Sender<FaultEvent>;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_long_text_is_cut_at_a_character_border() {
-        let text = format!("{}é", "x".repeat(TEXT_BYTES - 1));
-        assert_eq!(ShortText::new(&text).as_str().len(), TEXT_BYTES - 1);
-        assert_eq!(ShortText::new("hello").as_str(), "hello");
-    }
-}

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::limits::{RESETS_DEFAULT, RESETS_MAX, RESETS_WINDOW};
 use super::symptom::{Severity, SeverityTable, Symptom};
+use super::time::nanoseconds;
 
 /// What is done about a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -49,7 +50,7 @@ impl Ladder {
         Self {
             severity,
             limit,
-            within_ns: u64::try_from(within.as_nanos()).unwrap_or(u64::MAX),
+            within_ns: nanoseconds(within),
             secondaries,
             used: 0,
             resets: VecDeque::with_capacity(limit),

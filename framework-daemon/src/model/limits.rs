@@ -78,6 +78,8 @@ pub const SECONDARIES: usize = 16;
 pub const SPARES_MAX: u32 = 64;
 /// Instances of one slot that may wait to be ended in the background.
 pub const CLEARED_UNITS: usize = SPARES_MAX as usize;
+/// Most bytes of a spare that its executor fetches in advance.
+pub const NEAR_BYTES: usize = 4_096;
 /// Pause after a spare that could not be prepared; doubled after each further one.
 pub const SPARE_PAUSE_MIN: Duration = Duration::from_millis(100);
 /// Longest such pause.
@@ -106,6 +108,8 @@ pub const CALLERS: usize = 4;
 pub const NULL_PAGE_BYTES: u64 = 64 << 10;
 /// Longest panic message, error text or log record kept, in bytes.
 pub const TEXT_BYTES: usize = 400;
+/// Longest name of a port, a field or a source file kept with a fault, in bytes.
+pub const LABEL_BYTES: usize = 118;
 /// Safe outputs of a process.
 pub const SAFE_OUTPUTS: usize = 64;
 /// Longest safe output.

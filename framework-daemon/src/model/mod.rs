@@ -23,3 +23,9 @@ pub mod schedule;
 
 /// What a detector saw, and how severe the integrator says it is.
 pub mod symptom;
+
+/// Texts of fixed size.
+pub mod text;
+
+/// Durations as nanoseconds.
+pub mod time;

@@ -7,10 +7,10 @@ use std::cell::Cell;
 
 use abi_stable::std_types::{RSlice, RStr};
 
-use crate::model::fault::{Evidence, ShortText};
+use crate::model::fault::{Evidence, Label, ShortText};
 use crate::model::limits::{REGIONS_PER_CALLBACK, SAFE_OUTPUT_BYTES};
-use crate::sys::foreign::{self, Owner};
-use crate::sys::{clock, log_ring, safe_outputs, shield};
+use crate::sys::seat::{self, Note};
+use crate::sys::{clock, foreign, log_ring, safe_outputs, shield};
 
 /// A panic as the plugin's hook saw it.
 #[derive(Clone, Copy)]
@@ -18,7 +18,7 @@ pub struct PanicNote {
     /// Message.
     pub message: ShortText,
     /// Source file.
-    pub file: ShortText,
+    pub file: Label,
     /// Line.
     pub line: u32,
 }
@@ -35,50 +35,29 @@ pub struct RegionNote {
 }
 
 thread_local! {
-    // One flag for all: a callback that told nothing costs one load, not the texts' copies.
-    static TOLD: Cell<bool> = const { Cell::new(false) };
-    static INSTANCE: Cell<u64> = const { Cell::new(0) };
     static PANIC: Cell<Option<PanicNote>> = const { Cell::new(None) };
     static ERROR: Cell<Option<ShortText>> = const { Cell::new(None) };
     static RAISED: Cell<Option<ShortText>> = const { Cell::new(None) };
     static REGIONS: [Cell<Option<RegionNote>>; REGIONS_PER_CALLBACK] = const { [const { Cell::new(None) }; REGIONS_PER_CALLBACK] };
     static REGION_COUNT: Cell<usize> = const { Cell::new(0) };
-    static INJECTED: Cell<Option<u64>> = const { Cell::new(None) };
-}
-
-/// Says whose callback runs on this thread from now on; what was told before is nobody's any more.
-pub fn enter_slot(owner: Owner) {
-    foreign::enter(owner);
-    REGION_COUNT.set(0);
-    if has_told() {
-        forget();
-    }
-}
-
-/// Says which instance's code runs on this thread from now on.
-pub(super) fn enter_instance(number: u64) {
-    INSTANCE.set(number);
-}
-
-/// Number of the instance whose code runs on this thread; 0 on a thread that a component started.
-#[must_use]
-pub fn instance() -> u64 {
-    INSTANCE.get()
-}
-
-/// True when anything was told since the last callback began.
-#[must_use]
-pub fn has_told() -> bool {
-    TOLD.get()
+    static INJECTED: Cell<u64> = const { Cell::new(0) };
 }
 
 /// Forgets all that was told; returns when a fault was provoked.
 pub fn forget() -> Option<u64> {
-    TOLD.set(false);
-    PANIC.set(None);
-    ERROR.set(None);
-    RAISED.set(None);
-    INJECTED.take()
+    if seat::take(Note::Told) {
+        PANIC.set(None);
+        ERROR.set(None);
+        RAISED.set(None);
+    }
+    seat::take(Note::Injected).then(|| INJECTED.get())
+}
+
+/// Forgets the regions that were registered and not taken.
+pub fn forget_regions() {
+    if seat::take(Note::Region) {
+        REGION_COUNT.set(0);
+    }
 }
 
 /// The panic since the last call.
@@ -97,7 +76,10 @@ pub fn take_error() -> Option<ShortText> {
 #[must_use]
 #[inline(never)]
 pub fn take_region() -> Option<RegionNote> {
-    let last = REGION_COUNT.get().checked_sub(1)?;
+    let Some(last) = REGION_COUNT.get().checked_sub(1) else {
+        seat::take(Note::Region);
+        return None;
+    };
     REGION_COUNT.set(last);
     REGIONS.with(|regions| regions[last].take())
 }
@@ -115,39 +97,39 @@ pub extern "C" fn clock_now() -> u64 {
 
 /// [`component_sdk::abi::host::HostApi::log`].
 pub extern "C" fn log(level: u8, text: RStr<'_>) {
-    log_ring::put(level, foreign::owner().slot, text.as_str());
+    log_ring::put(level, seat::owner().slot, text.as_str());
 }
 
 /// [`component_sdk::abi::host::HostApi::raise_fault`].
 pub extern "C" fn raise_fault(text: RStr<'_>) {
     let text = ShortText::new(text.as_str());
     RAISED.set(Some(text));
-    TOLD.set(true);
+    seat::leave(Note::Told);
 }
 
 /// [`component_sdk::abi::host::HostApi::note_error`].
 pub extern "C" fn note_error(text: RStr<'_>) {
     let text = ShortText::new(text.as_str());
     ERROR.set(Some(text));
-    TOLD.set(true);
+    seat::leave(Note::Told);
 }
 
 /// [`component_sdk::abi::host::HostApi::note_panic`].
 pub extern "C" fn note_panic(message: RStr<'_>, file: RStr<'_>, line: u32) {
-    let note = PanicNote { message: ShortText::new(message.as_str()), file: ShortText::new(file.as_str()), line };
+    let note = PanicNote { message: ShortText::new(message.as_str()), file: Label::end_of(file.as_str()), line };
     shield::leave::note_panic(note.message.as_str());
     if foreign::is_here() {
         // No callback will ask for it.
         return foreign::panicked(Evidence::Panic { message: note.message, file: note.file, line });
     }
     PANIC.set(Some(note));
-    TOLD.set(true);
+    seat::leave(Note::Told);
 }
 
 /// [`component_sdk::abi::host::HostApi::note_injection`].
 pub extern "C" fn note_injection() {
-    INJECTED.set(Some(clock::now_ns()));
-    TOLD.set(true);
+    INJECTED.set(clock::now_ns());
+    seat::leave(Note::Injected);
 }
 
 /// [`component_sdk::abi::host::HostApi::critical`].
@@ -157,12 +139,9 @@ pub extern "C" fn critical(name: RStr<'_>, address: *mut u8, len: usize) {
     if place < REGIONS_PER_CALLBACK {
         REGIONS.with(|regions| regions[place].set(Some(note)));
         REGION_COUNT.set(place + 1);
+        seat::leave(Note::Region);
     } else {
-        log_ring::put(
-            2,
-            foreign::owner().slot,
-            "too many critical regions in one callback: one is not in the checkpoint",
-        );
+        log_ring::put(2, seat::owner().slot, "too many critical regions in one callback: one is not in the checkpoint");
     }
 }
 
@@ -171,6 +150,6 @@ pub extern "C" fn safe_output(fd: i32, bytes: RSlice<'_, u8>) {
     let (mut copy, len) = ([0; SAFE_OUTPUT_BYTES + 1], bytes.len().min(SAFE_OUTPUT_BYTES + 1));
     copy[..len].copy_from_slice(&bytes.as_slice()[..len]);
     if let Err(refused) = safe_outputs::set(fd, &copy[..len]) {
-        log_ring::put(1, foreign::owner().slot, ShortText::of(format_args!("{refused}")).as_str());
+        log_ring::put(1, seat::owner().slot, ShortText::of(format_args!("{refused}")).as_str());
     }
 }

@@ -7,12 +7,9 @@ use abi_stable::std_types::{RSlice, RStr};
 use component_sdk::abi::class::{CallArgs, CallStatus, ComponentClass, CreateArgs, CreateResult};
 use component_sdk::abi::payload::PortHandle;
 
-use super::host;
-
 /// An object of a component class. Not dropped by itself: [`Instance::destroy`] does it, on a fiber, or nobody: an
 /// instance that trapped is never entered again.
 pub struct Instance {
-    number: u64,
     class: &'static ComponentClass,
     object: *mut (),
 }
@@ -30,21 +27,19 @@ pub fn next_number() -> u64 {
 }
 
 impl Instance {
-    /// Builds one that bears that number.
+    /// Builds one.
     ///
     /// # Errors
     /// The shim's status and text when the component's constructor failed.
     pub fn create(
-        number: u64,
         class: &'static ComponentClass,
         ports: &[PortHandle],
         properties: &[RStr<'_>],
     ) -> Result<Self, (CallStatus, String)> {
         let args = CreateArgs { ports: RSlice::from_slice(ports), properties: RSlice::from_slice(properties) };
-        host::enter_instance(number);
         let CreateResult { instance, status, error } = (class.create)(&args);
         if status == CallStatus::Done && !instance.is_null() {
-            Ok(Self { number, class, object: instance })
+            Ok(Self { class, object: instance })
         } else {
             Err((status, error.into()))
         }
@@ -64,13 +59,11 @@ impl Instance {
 
     /// Enters a callback.
     pub fn enter(&mut self, args: &CallArgs<'_>) -> CallStatus {
-        host::enter_instance(self.number);
         (self.class.call)(self.object, args)
     }
 
     /// Drops the object.
     pub fn destroy(&mut self) -> CallStatus {
-        host::enter_instance(self.number);
         let object = std::mem::replace(&mut self.object, std::ptr::null_mut());
         if object.is_null() { CallStatus::Done } else { (self.class.drop)(object) }
     }

@@ -19,6 +19,7 @@ use super::output::{Borrower, OutPort};
 use super::table::{self, Claim, Kind, Place};
 use crate::model::limits::HEADROOM_BYTES;
 use crate::plugin::host;
+use crate::sys::{arch, seat};
 
 /// One end of a slot's port.
 #[derive(Clone)]
@@ -60,6 +61,13 @@ impl Binding {
     #[must_use]
     pub fn handle(&self) -> PortHandle {
         self.claim.handle()
+    }
+
+    /// Fetches what a take-over writes to.
+    pub fn bring_near(&self) {
+        if let Some(place) = self.claim.place() {
+            arch::bring_near(std::ptr::from_ref(place).addr(), size_of::<Place>());
+        }
     }
 
     /// From now on calls reach the port.
@@ -124,7 +132,7 @@ enum End<'a> {
 fn visit<R>(handle: PortHandle, act: impl FnOnce(End<'_>, Borrower) -> R) -> R {
     make_sure_of_stack();
     let Some((place, kind)) = table::find(handle) else { return act(End::Closed, Borrower::Other) };
-    if kind != Kind::Closed && place.owner.load(Ordering::Relaxed) == host::instance() {
+    if kind != Kind::Closed && place.owner.load(Ordering::Relaxed) == seat::entered() {
         // SAFETY: the handle is of the instance whose callback runs on this thread; its binding is dropped by the
         // thread that enters the instance, which is this one.
         return act(unsafe { end(place, kind) }, Borrower::Callback);

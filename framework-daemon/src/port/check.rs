@@ -16,9 +16,11 @@ use component_sdk::object::path::{FieldPath, PathError};
 
 use super::block::Sample;
 use crate::detect::range::{Bounds, Episode};
-use crate::model::fault::{Evidence, ShortText};
+use crate::model::fault::{Evidence, Label};
 use crate::model::symptom::Symptom;
+use crate::model::time::nanoseconds;
 use crate::profile::plan::{Limit, OnInvalid, Validity};
+use crate::sys::seat::{self, Note};
 
 /// The checks of one port or connection.
 #[derive(Default)]
@@ -67,22 +69,21 @@ pub struct Report {
 }
 
 thread_local! {
-    static FOUND: Cell<bool> = const { Cell::new(false) };
     static REPORT: Cell<Option<Report>> = const { Cell::new(None) };
 }
 
 /// The first finding since the last call.
 #[must_use]
 pub fn take_report() -> Option<Report> {
-    if FOUND.replace(false) { REPORT.take() } else { None }
+    if seat::take(Note::Found) { REPORT.take() } else { None }
 }
 
 fn report(symptom: Symptom, port: &str, field: &str, value: f64, limit: f64) {
     // The first one of a callback is kept: what follows it may be its consequence.
-    if FOUND.replace(true) {
+    if !seat::leave(Note::Found) {
         return;
     }
-    let evidence = Evidence::Value { port: ShortText::new(port), field: ShortText::new(field), value, limit };
+    let evidence = Evidence::Value { port: Label::new(port), field: Label::new(field), value, limit };
     REPORT.set(Some(Report { symptom, evidence }));
 }
 
@@ -107,7 +108,7 @@ impl Checks {
                 field: rule.field.clone(),
                 path,
                 bounds: Bounds { min: constant(&rule.min, f64::NEG_INFINITY), max: constant(&rule.max, f64::INFINITY) },
-                delay_ns: u64::try_from(rule.delay.as_nanos()).unwrap_or(u64::MAX),
+                delay_ns: nanoseconds(rule.delay),
                 on_invalid: rule.on_invalid,
                 episode: Mutex::default(),
             })

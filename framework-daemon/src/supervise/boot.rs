@@ -152,6 +152,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         ladder: Ladder::new(plan.rules.severity.clone(), intensity, standbys.len()),
         standbys,
         unit: None,
+        spare: None,
         next_due_ns: 0,
         rank: 0,
         inject: std::collections::VecDeque::new(),

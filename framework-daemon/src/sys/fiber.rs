@@ -49,7 +49,7 @@ pub struct Fiber {
 pub enum Ended {
     /// It returned.
     Returned,
-    /// A trap ended it, and the fiber with it; [`Fiber::take_trap`] tells which. The thread may be another one than
+    /// A trap ended it, and the fiber with it; [`Fiber::trap`] tells which. The thread may be another one than
     /// before.
     Trapped,
 }
@@ -122,8 +122,8 @@ impl Fiber {
 
     /// The trap that ended it.
     #[must_use]
-    pub fn take_trap(&mut self) -> Option<Trap> {
-        self.core.armed.get().and_then(Armed::take_trap)
+    pub fn trap(&self) -> Option<&Trap> {
+        self.core.armed.get().and_then(Armed::trap)
     }
 
     /// False after a trap.
@@ -168,37 +168,28 @@ impl Default for FiberPool {
 }
 
 impl FiberPool {
-    /// Runs `closure` on a fiber with a stack of that size; it must return until `deadline_ns`. The trap that ended it, if
-    /// one did.
+    /// Runs `closure` on a fiber with a stack of that size; it must return until `deadline_ns`.
     ///
     /// # Errors
     /// When a new fiber is needed and the system has no address space left.
-    pub fn run(
-        &mut self,
-        stack_bytes: usize,
-        deadline_ns: u64,
-        closure: &mut dyn FnMut(),
-    ) -> std::io::Result<Option<Trap>> {
+    pub fn run(&mut self, stack_bytes: usize, deadline_ns: u64, closure: &mut dyn FnMut()) -> std::io::Result<Ended> {
         let lease = &self.lease;
         let shelf = shelf(&mut self.idle, stack_bytes);
         if shelf.is_empty() {
             shelf.push(Fiber::leased(stack_bytes, lease)?);
         }
         // In its place on the shelf: fibers do not nest, and moving one costs as much as entering it.
-        let ended = shelf.last_mut().map(|fiber| fiber.run(deadline_ns, closure));
-        if ended == Some(Ended::Returned) {
-            return Ok(None);
+        if shelf.last_mut().is_some_and(|fiber| fiber.run(deadline_ns, closure) == Ended::Returned) {
+            return Ok(Ended::Returned);
         }
-        Ok(self.put_aside(stack_bytes))
+        self.spent.extend(shelf.pop());
+        Ok(Ended::Trapped)
     }
 
-    /// A fiber that trapped; its trap.
-    #[cold]
-    fn put_aside(&mut self, stack_bytes: usize) -> Option<Trap> {
-        let mut fiber = shelf(&mut self.idle, stack_bytes).pop()?;
-        let trap = fiber.take_trap();
-        self.spent.push(fiber);
-        trap
+    /// The last trap since the last burial.
+    #[must_use]
+    pub fn trap(&self) -> Option<&Trap> {
+        self.spent.last().and_then(Fiber::trap)
     }
 
     /// What the watchdog reads of this executor.

@@ -14,26 +14,13 @@ use crossbeam_channel::Receiver;
 use crossbeam_queue::ArrayQueue;
 use libc::c_void;
 
+use super::seat::{self, Owner};
 use super::thread::{self, SignalStack};
 use super::trap::{self, Site, Trap};
 use super::wake::Waker;
 use super::{arch, clock, heap, shield, text};
 use crate::model::fault::{Evidence, TrapEvidence};
 use crate::model::limits::{FOREIGN_REPORTS, STACK_OVERFLOW_REACH_BYTES};
-
-/// Whose code runs on a thread.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Owner {
-    /// The slot's name.
-    pub slot: &'static str,
-    /// Number of the instance in it.
-    pub instance: u64,
-}
-
-impl Owner {
-    /// Nobody.
-    pub const NONE: Self = Self { slot: "", instance: 0 };
-}
 
 /// What happened on a plugin's thread.
 #[derive(Clone, Copy, Debug)]
@@ -88,7 +75,6 @@ static POST: OnceLock<Post> = OnceLock::new();
 
 thread_local! {
     // `const` and without destructor: the handler may read them at any moment.
-    static OWNER: Cell<Owner> = const { Cell::new(Owner::NONE) };
     static HERE: Cell<Option<Here>> = const { Cell::new(None) };
     static PANICKED: Cell<bool> = const { Cell::new(false) };
     // With a destructor: touched by the thread's beginning and end only.
@@ -119,19 +105,6 @@ impl Drop for Guard {
     }
 }
 
-/// Says whose code runs on this thread from now on.
-#[inline(never)]
-pub fn enter(owner: Owner) {
-    OWNER.set(owner);
-}
-
-/// Whose code runs, or last ran, on this thread.
-#[must_use]
-#[inline(never)]
-pub fn owner() -> Owner {
-    OWNER.get()
-}
-
 /// True on a thread that a plugin started.
 #[must_use]
 pub fn is_here() -> bool {
@@ -148,7 +121,7 @@ pub(super) struct Birth {
 impl Birth {
     /// Of a thread that the code of this one starts.
     pub(super) fn new(start: extern "C-unwind" fn(*mut c_void) -> *mut c_void, argument: *mut c_void) -> *mut Self {
-        Box::into_raw(Box::new(Self { owner: owner(), start, argument }))
+        Box::into_raw(Box::new(Self { owner: seat::owner(), start, argument }))
     }
 
     /// The thread was not made.
@@ -176,7 +149,7 @@ pub(super) extern "C-unwind" fn begin(birth: *mut c_void) -> *mut c_void {
     heap::adopt_thread();
     GUARD.set(Some(Guard(SignalStack::untouched())));
     shield::unblock_ours();
-    OWNER.set(owner);
+    seat::adopt(owner);
     let top = (&raw const owner).addr();
     HERE.set(Some(Here { low: lower_end(), top, start: start as usize }));
     let value = start(argument);
@@ -270,7 +243,7 @@ pub fn panicked(evidence: Evidence) {
 }
 
 fn report(event: Event, at_ns: u64) {
-    report_for(OWNER.get(), event, at_ns);
+    report_for(seat::owner(), event, at_ns);
 }
 
 fn report_for(owner: Owner, event: Event, at_ns: u64) {

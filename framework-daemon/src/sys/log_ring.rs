@@ -12,13 +12,13 @@ use std::time::{Duration, Instant};
 use crossbeam_queue::ArrayQueue;
 
 use super::thread;
-use crate::model::fault::ShortText;
+use crate::model::fault::{Label, ShortText};
 use crate::model::limits::{LOG_LINES, LOG_RECORDS};
 
 /// A component's record, of fixed size: an executor allocates nothing for it.
 struct Record {
     level: u8,
-    slot: ShortText,
+    slot: Label,
     text: ShortText,
 }
 
@@ -62,7 +62,7 @@ pub fn start() -> io::Result<()> {
 /// Puts a component's record into its queue: no allocation, no lock, no system call.
 pub fn put(level: u8, slot: &str, text: &str) {
     let Some(queues) = QUEUES.get() else { return };
-    let record = Record { level, slot: ShortText::new(slot), text: ShortText::new(text) };
+    let record = Record { level, slot: Label::new(slot), text: ShortText::new(text) };
     queues.count(queues.records.push(record).is_ok());
 }
 

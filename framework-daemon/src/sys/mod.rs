@@ -48,6 +48,9 @@ pub mod relay;
 /// What is written to actuators when the process dies.
 pub mod safe_outputs;
 
+/// Whose code runs on a thread.
+pub mod seat;
+
 /// What plugins see as the C library.
 pub mod shield;
 

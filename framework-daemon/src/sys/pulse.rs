@@ -4,6 +4,7 @@
 use std::sync::atomic::{AtomicI32, AtomicU32, AtomicU64, Ordering};
 
 use crate::model::limits::HANG_AT_STOP;
+use crate::model::time::nanoseconds;
 
 /// No callback runs.
 const AT_REST: u64 = 0;
@@ -24,7 +25,7 @@ impl Default for Pulse {
             deadline_ns: AtomicU64::new(AT_REST),
             thread: AtomicI32::new(0),
             attempts: AtomicU32::new(0),
-            shortest_ns: AtomicU64::new(HANG_AT_STOP.as_nanos() as u64),
+            shortest_ns: AtomicU64::new(nanoseconds(HANG_AT_STOP)),
         }
     }
 }

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicI32, AtomicU64, Ordering, fence};
 
 use super::clock;
 use crate::model::limits::{SAFE_OUTPUT_BYTES, SAFE_OUTPUT_WAIT, SAFE_OUTPUTS};
+use crate::model::time::nanoseconds;
 
 /// Why an output was not registered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -229,7 +230,7 @@ fn deliver(output: &Output, sink: i32) -> bool {
 
 /// Writes to a descriptor that does not block, waiting for room no longer than [`SAFE_OUTPUT_WAIT`].
 fn write_within(fd: i32, bytes: &[u8]) -> bool {
-    let limit = clock::now_ns() + SAFE_OUTPUT_WAIT.as_nanos() as u64;
+    let limit = clock::now_ns() + nanoseconds(SAFE_OUTPUT_WAIT);
     let mut rest = bytes;
     loop {
         // SAFETY: the slice is valid for its length.

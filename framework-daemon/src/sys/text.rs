@@ -37,6 +37,13 @@ pub struct Text {
     pub owner: Owner,
 }
 
+/// What is looked through, apart from what is found: after a while without faults, each line of memory is a wait.
+struct Span {
+    start: AtomicUsize,
+    end: AtomicUsize,
+}
+
+static SPANS: [Span; TEXTS] = [const { Span { start: AtomicUsize::new(0), end: AtomicUsize::new(0) } }; TEXTS];
 static TABLE: [OnceLock<Text>; TEXTS] = [const { OnceLock::new() }; TEXTS];
 static USED: AtomicUsize = AtomicUsize::new(0);
 
@@ -78,15 +85,22 @@ pub const COPIES: &str = "/proc/self/fd/";
 
 /// Enters a range; false: the table is full, and faults there count as happened elsewhere.
 fn add(text: Text) -> bool {
-    let place = TABLE.get(USED.fetch_add(1, Ordering::AcqRel));
-    place.is_some_and(|place| place.set(text).is_ok())
+    let index = USED.fetch_add(1, Ordering::AcqRel);
+    let (Some(span), Some(place)) = (SPANS.get(index), TABLE.get(index)) else { return false };
+    let Range { start, end } = text.range;
+    let is_set = place.set(text).is_ok();
+    span.start.store(start, Ordering::Relaxed);
+    // Last: until then the span holds nothing.
+    span.end.store(end, Ordering::Release);
+    is_set
 }
 
 /// What holds that address.
 #[must_use]
 pub fn find(pc: usize) -> Option<&'static Text> {
     let used = USED.load(Ordering::Acquire).min(TEXTS);
-    TABLE[..used].iter().filter_map(OnceLock::get).find(|text| text.range.contains(&pc))
+    let holds = |span: &Span| pc < span.end.load(Ordering::Acquire) && pc >= span.start.load(Ordering::Relaxed);
+    SPANS[..used].iter().position(holds).and_then(|index| TABLE[index].get())
 }
 
 /// Whose code that address is in; `None`: nobody's that is known.

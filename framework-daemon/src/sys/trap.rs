@@ -10,7 +10,7 @@
 //! The handler allocates nothing, takes no lock and calls nothing that is not async-signal-safe.
 #![allow(unsafe_code, reason = "address of unsafe: signal handlers and register contexts")]
 
-use std::cell::Cell;
+use std::cell::{Cell, OnceCell};
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Once};
@@ -116,7 +116,7 @@ pub(super) struct Armed {
     stack: Range<usize>,
     pulse: Arc<Pulse>,
     relay: Option<&'static Relay<Armed>>,
-    trap: Cell<Option<Trap>>,
+    trap: OnceCell<Trap>,
 }
 
 impl Armed {
@@ -127,7 +127,7 @@ impl Armed {
         pulse: Arc<Pulse>,
         relay: Option<&'static Relay<Self>>,
     ) -> Self {
-        Self { handler, stack, pulse, relay, trap: Cell::new(None) }
+        Self { handler, stack, pulse, relay, trap: OnceCell::new() }
     }
 
     /// Says that the fiber runs on this thread from now on and must return until then. Fibers do not nest.
@@ -143,8 +143,8 @@ impl Armed {
     }
 
     /// The trap that ended it.
-    pub(super) fn take_trap(&self) -> Option<Trap> {
-        self.trap.take()
+    pub(super) fn trap(&self) -> Option<&Trap> {
+        self.trap.get()
     }
 
     /// Takes the executor over from the thread that was given up: goes on where it waits for this fiber.
@@ -194,21 +194,19 @@ impl Armed {
     }
 
     /// Ends the fiber where no lock can be held, the thread elsewhere.
-    fn end(&self, mut trap: Trap, context: &mut libc::ucontext_t) {
+    fn end(&self, trap: Trap) -> ! {
         let here = trap.site != Site::Elsewhere;
         handlers::forget();
         match self.relay.filter(|_| !here) {
             None => {
-                self.trap.set(Some(trap));
+                let _ = self.trap.set(trap);
                 self.pulse.end();
                 // SAFETY: the interrupted stack pointer lies in this fiber, which is alive: it is armed only while it
-                // runs. All registers that the trap handler names are set, and the handler returns.
-                let end = unsafe { self.handler.setup_trap_handler(|| ()) };
-                arch::redirect(context, &end);
+                // runs, and it runs on this thread. Nothing that the handler holds needs to be dropped.
+                unsafe { arch::continue_at(&self.handler.setup_trap_handler(|| ())) }
             }
             Some(relay) => {
-                trap.thread_lost = true;
-                self.trap.set(Some(trap));
+                let _ = self.trap.set(Trap { thread_lost: true, ..trap });
                 self.pulse.end();
                 THREADS_LOST.fetch_add(1, Ordering::Relaxed);
                 heap::abandon_thread();
@@ -326,17 +324,16 @@ fn set_handler(signal: i32, handler: Handler) {
     unsafe {
         let mut new: libc::sigaction = std::mem::zeroed();
         new.sa_sigaction = handler as usize;
-        // No SA_NODEFER: a second trap of this kind inside the handler ends the process instead of recursing. SA_RESTART
-        // for a watchdog's signal that comes too late to matter.
-        new.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART;
-        // Nobody else's handler in the middle of it.
-        libc::sigfillset(&raw mut new.sa_mask);
-        SIGNALS.into_iter().for_each(|signal| _ = libc::sigdelset(&raw mut new.sa_mask, signal));
+        // Nothing is held back meanwhile, so that a fiber is left without a system call that lets it through again. A trap
+        // inside the handler is nobody's: it ends the process with its last words. SA_RESTART for a watchdog's signal
+        // that comes too late to matter.
+        new.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART | libc::SA_NODEFER;
         libc::sigaction(signal, &raw const new, std::ptr::null_mut());
     }
 }
 
 extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc::c_void) {
+    arch::allow_unaligned();
     let at_ns = clock::now_ns();
     // SAFETY: the kernel passes valid pointers for the time of the call (SA_SIGINFO).
     let (info, context) = unsafe { (&mut *info, &mut *context.cast::<libc::ucontext_t>()) };
@@ -368,7 +365,7 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
             trap.evidence.callers = armed.callers(context);
         }
         trap.stack_overflow = signal == libc::SIGSEGV && armed.guard().contains(&address);
-        return armed.end(trap, context);
+        armed.end(trap);
     }
     if is_guest {
         foreign::struck(trap, context);
@@ -408,8 +405,9 @@ fn evidence(signal: i32, code: i32, address: usize, context: &libc::ucontext_t) 
 
 /// The watchdog's signal: the callback that runs on this thread, if it is still the one that is late.
 extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc::c_void) {
+    arch::allow_unaligned();
     // SAFETY: the kernel passes a valid pointer for the time of the call.
-    let context = unsafe { &mut *context.cast::<libc::ucontext_t>() };
+    let context = unsafe { &*context.cast::<libc::ucontext_t>() };
     let (pc, sp) = arch::position(context);
     let Some(armed) = armed().filter(|armed| armed.holds(pc, sp)) else { return };
     let Some(at_ns) = armed.pulse.deadline_ns().filter(|deadline| *deadline <= clock::now_ns()) else { return };
@@ -428,7 +426,7 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
     let site = if site == Site::Daemon { Site::Elsewhere } else { site };
     let evidence = TrapEvidence { callers: armed.callers(context), ..evidence(signal, 0, 0, context) };
-    armed.end(Trap { site, hang: true, ..Trap::new(evidence, at_ns) }, context);
+    armed.end(Trap { site, hang: true, ..Trap::new(evidence, at_ns) })
 }
 
 /// Some when the signal was sent and not caused by an instruction; true when this process sent it to itself (`abort`).
@@ -445,8 +443,7 @@ fn sender(info: &libc::siginfo_t) -> i32 {
 /// The process ends by this signal, as its supervisor expects. Not by the standard library's handler: it writes to a stderr
 /// that nobody may read.
 fn end_by(signal: i32) {
-    // SAFETY: the default action is restored; the signal is blocked while its handler runs and ends the process when that
-    // returns.
+    // SAFETY: the default action is restored, and ends the process.
     unsafe {
         libc::signal(signal, libc::SIG_DFL);
         libc::raise(signal);
@@ -471,7 +468,7 @@ mod tests {
         let _stack = SignalStack::new();
         let mut fiber = Fiber::new(64 << 10).unwrap();
         assert_eq!(fiber.run(NEVER, &mut closure), Ended::Trapped);
-        fiber.take_trap().expect("the handler tells what it saw")
+        *fiber.trap().expect("the handler tells what it saw")
     }
 
     #[test]

@@ -13,6 +13,7 @@ use super::wake::Waker;
 use super::{arch, clock, thread, trap};
 use crate::model::limits::{PRIORITY_MAX, WATCHDOG_RETRY};
 use crate::model::schedule::{Policy, Schedule};
+use crate::model::time::nanoseconds;
 
 struct Watchdog {
     pulses: Mutex<Vec<Watched>>,
@@ -89,7 +90,7 @@ impl Watched {
                     pulse.forget_attempts();
                 }
                 signal(pulse.thread());
-                now + WATCHDOG_RETRY.as_nanos() as u64
+                now + nanoseconds(WATCHDOG_RETRY)
             }
         };
         self.signalled = Some((deadline, again));

@@ -61,7 +61,7 @@ pub fn callback(samples: usize) -> (Samples, Samples) {
 }
 
 /// A component whose `on_execute` does next to nothing.
-fn idle_unit(fibers: &mut FiberPool) -> Unit {
+fn idle_unit(fibers: &mut FiberPool) -> Box<Unit> {
     let plugin = Plugin::load(&plugin_dir().join("libbasic.so"), &HOST).expect("the plugin is built");
     let class = plugin.class("Diary").expect("the plugin has it");
     let limits = Limits { stack_bytes: STACK, budget_ns: None, hang_ns: 1_000_000_000 };

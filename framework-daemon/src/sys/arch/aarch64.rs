@@ -32,17 +32,6 @@ pub fn waits(context: &libc::ucontext_t) -> bool {
     pc % 4096 >= 4 && unsafe { ((pc - 4) as *const u32).read() } == SVC_0
 }
 
-/// Sets the registers that the trap handler names.
-pub fn redirect(context: &mut libc::ucontext_t, to: &TrapHandlerRegs) {
-    let registers = &mut context.uc_mcontext;
-    registers.pc = to.pc;
-    registers.sp = to.sp;
-    registers.regs[0] = to.x0;
-    registers.regs[1] = to.x1;
-    registers.regs[29] = to.x29;
-    registers.regs[30] = to.lr;
-}
-
 /// Sets the floating-point control word that the ABI promises, where a callback left another one behind: its neighbours
 /// would compute otherwise. Looked at first, because setting it takes longer.
 #[inline]
@@ -67,6 +56,17 @@ pub unsafe fn continue_at(to: &TrapHandlerRegs) -> ! {
             sp = in(reg) to.sp, fp = in(reg) to.x29, lr = in(reg) to.lr, pc = in(reg) to.pc,
             in("x0") to.x0, in("x1") to.x1, options(noreturn));
     }
+}
+
+/// Words that are not aligned may be read and written anyway.
+#[inline]
+pub const fn allow_unaligned() {}
+
+/// Fetches the cache line of that address, to be written to. Whatever the address is, nothing traps.
+#[inline]
+pub fn fetch_line(address: usize) {
+    // SAFETY: a hint.
+    unsafe { asm!("prfm pstl1keep, [{}]", in(reg) address, options(nostack, preserves_flags)) };
 }
 
 /// Traps, at this very instruction.

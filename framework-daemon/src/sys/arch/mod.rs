@@ -13,9 +13,14 @@ mod processor;
 mod processor;
 
 pub use processor::{
-    AUDIT_ARCH, arguments, continue_at, link, position, redirect, registers, restore_float_control, resume,
-    return_address, set_result, strike, system_call, waits,
+    AUDIT_ARCH, allow_unaligned, arguments, continue_at, fetch_line, link, position, registers, restore_float_control,
+    resume, return_address, set_result, strike, system_call, waits,
 };
+
+/// Fetches memory to this processor, to be written to. Whatever the address is, nothing traps.
+pub fn bring_near(address: usize, bytes: usize) {
+    (address..address + bytes).step_by(64).for_each(fetch_line);
+}
 
 /// Ends this kernel thread here and now: nothing is unwound, freed or run. The kernel walks its list of robust locks and
 /// wakes whoever joins it.

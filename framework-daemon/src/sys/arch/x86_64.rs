@@ -7,8 +7,10 @@ use corosensei::trap::TrapHandlerRegs;
 
 use crate::model::fault::Registers;
 
-/// Direction flag and alignment check: a plugin may have left them set.
-const FLAGS_CLEARED: i64 = !0x4_0400;
+/// Flags as every function may expect them.
+const FLAGS: i32 = 0x202;
+/// The flag that makes an access to a word that is not aligned trap.
+const ALIGNMENT_CHECK: i32 = 0x4_0000;
 
 /// Program counter and stack pointer.
 #[must_use]
@@ -38,23 +40,6 @@ pub fn waits(context: &libc::ucontext_t) -> bool {
     pc % 4096 >= 2 && unsafe { ((pc - 2) as *const [u8; 2]).read() } == SYSCALL
 }
 
-/// Sets the registers that the trap handler names, and the floating-point control words that the ABI promises.
-pub fn redirect(context: &mut libc::ucontext_t, to: &TrapHandlerRegs) {
-    let registers = &mut context.uc_mcontext.gregs;
-    registers[libc::REG_RIP as usize] = to.rip as i64;
-    registers[libc::REG_RSP as usize] = to.rsp as i64;
-    registers[libc::REG_RBP as usize] = to.rbp as i64;
-    registers[libc::REG_RDI as usize] = to.rdi as i64;
-    registers[libc::REG_RSI as usize] = to.rsi as i64;
-    registers[libc::REG_EFL as usize] &= FLAGS_CLEARED;
-    // SAFETY: the kernel fills the pointer with the address of the saved floating-point state, or null.
-    if let Some(state) = unsafe { context.uc_mcontext.fpregs.as_mut() } {
-        state.cwd = 0x037f;
-        state.swd = 0;
-        state.mxcsr = FLOAT_CONTROL;
-    }
-}
-
 /// Rounds to nearest, keeps small numbers, masks all exceptions.
 static FLOAT_CONTROL: u32 = 0x1f80;
 /// What exceptions left behind: it changes nothing.
@@ -78,12 +63,29 @@ pub fn restore_float_control() {
 /// # Safety
 /// The registers must come from a fiber that nobody else runs and that waits for its end.
 pub unsafe fn continue_at(to: &TrapHandlerRegs) -> ! {
-    // SAFETY: the caller's promise; these are all the registers that the trap handler's entry needs.
+    // SAFETY: the caller's promise; these are all the registers that the trap handler's entry needs. Below its stack pointer
+    // nothing is kept.
     unsafe {
-        asm!("mov rsp, {sp}", "mov rbp, {bp}", "jmp {ip}",
-            sp = in(reg) to.rsp, bp = in(reg) to.rbp, ip = in(reg) to.rip,
+        asm!("mov rsp, {sp}", "mov rbp, {bp}", "push {flags}", "popfq", "jmp {ip}",
+            sp = in(reg) to.rsp, bp = in(reg) to.rbp, ip = in(reg) to.rip, flags = const FLAGS,
             in("rdi") to.rdi, in("rsi") to.rsi, options(noreturn));
     }
+}
+
+/// Lets this thread read and write words that are not aligned, whatever the code that a signal interrupted had forbidden:
+/// the kernel leaves that flag as it was.
+#[inline]
+pub fn allow_unaligned() {
+    // SAFETY: writes the flags back with one bit cleared; without `nostack`, so that what lies below the stack pointer is
+    // nobody's.
+    unsafe { asm!("pushfq", "and qword ptr [rsp], {kept}", "popfq", kept = const !ALIGNMENT_CHECK) };
+}
+
+/// Fetches the cache line of that address, to be written to. Whatever the address is, nothing traps.
+#[inline]
+pub fn fetch_line(address: usize) {
+    // SAFETY: a hint.
+    unsafe { asm!("prefetchw [{}]", in(reg) address, options(nostack, preserves_flags)) };
 }
 
 /// Traps, at this very instruction.

@@ -9,7 +9,8 @@ use libc::{c_void, sigaction as Action, sighandler_t as Handler, siginfo_t, ucon
 
 use super::signals::SIGNAL_MAX;
 use crate::sys::arch;
-use crate::sys::foreign::{self, Owner};
+use crate::sys::foreign;
+use crate::sys::seat::{self, Owner};
 use crate::sys::trap::Trap;
 
 /// What a plugin set for a signal.
@@ -38,7 +39,7 @@ impl Entry {
     }
 
     fn set(&self, action: &Action) {
-        let owner = foreign::owner();
+        let owner = seat::owner();
         if self.owner() != owner {
             // Once for each instance that sets a handler: whoever reads it holds no lock.
             self.owner.store(Box::leak(Box::new(owner)), Ordering::Release);
@@ -99,9 +100,9 @@ fn relay_address() -> Handler {
 extern "C" fn relay(signal: i32, info: *mut siginfo_t, context: *mut c_void) {
     let entry = Entry::of(signal);
     let handler = entry.handler.load(Ordering::Acquire);
-    let before = foreign::owner();
+    let before = seat::owner();
     let frame = Frame { interrupted: context.cast(), owner: entry.owner(), outer: FRAME.get() };
-    foreign::enter(frame.owner);
+    seat::adopt(frame.owner);
     FRAME.set(&raw const frame);
     // SAFETY: a function of the signature that the flags tell, as its plugin promised; a plugin is never closed.
     unsafe {
@@ -113,7 +114,7 @@ extern "C" fn relay(signal: i32, info: *mut siginfo_t, context: *mut c_void) {
         }
     }
     FRAME.set(frame.outer);
-    foreign::enter(before);
+    seat::adopt(before);
 }
 
 /// A trap while a plugin's handler runs on this thread: the handler is over, and what it interrupted goes on. False: none

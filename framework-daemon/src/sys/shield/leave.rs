@@ -11,7 +11,7 @@ use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::{Caller, Real, Reals, caller, missing};
-use crate::sys::{arch, foreign, trap};
+use crate::sys::{arch, foreign, seat, trap};
 
 type Leave = extern "C" fn(i32) -> !;
 
@@ -37,7 +37,7 @@ thread_local! {
 }
 
 fn own_bit() -> u64 {
-    1 << (foreign::owner().slot.as_ptr().addr() / size_of::<usize>() % 64)
+    1 << (seat::owner().slot.as_ptr().addr() / size_of::<usize>() % 64)
 }
 
 /// What the standard library says before it aborts in a second `exit` of a thread.

@@ -1,0 +1,119 @@
+//! Whose code runs on this thread, and whether it left something to be asked about: one block of thread-local words,
+//! because every callback sets them and every call of a component reads them.
+//!
+//! Never inlined: the thread may be another one after a callback, and nobody may keep the block's address.
+
+use std::cell::Cell;
+
+/// Whose code it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Owner {
+    /// The slot's name.
+    pub slot: &'static str,
+    /// Number of the instance in it.
+    pub instance: u64,
+}
+
+impl Owner {
+    /// Nobody.
+    pub const NONE: Self = Self { slot: "", instance: 0 };
+}
+
+/// What a callback may leave to be asked about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Note {
+    /// It told something about itself: a panic, an error, a fault.
+    Told = 1,
+    /// A check found something in what it wrote.
+    Found = 2,
+    /// A fault was provoked in it.
+    Injected = 8,
+    /// It registered memory for its checkpoint.
+    Region = 4,
+}
+
+struct Seat {
+    owner: Cell<Owner>,
+    /// The instance whose callback runs; 0 where the code is that of a thread which a component started.
+    entered: Cell<u64>,
+    notes: Cell<u8>,
+}
+
+thread_local! {
+    // `const` and without destructor: signal handlers may read it at any moment.
+    static SEAT: Seat = const { Seat { owner: Cell::new(Owner::NONE), entered: Cell::new(0), notes: Cell::new(0) } };
+}
+
+/// A callback of that instance is entered on this thread; true: an earlier one left something that nobody asked about.
+#[inline(never)]
+pub fn enter(owner: Owner) -> bool {
+    SEAT.with(|seat| {
+        seat.owner.set(owner);
+        seat.entered.set(owner.instance);
+        seat.notes.get() != 0
+    })
+}
+
+/// Says whose code runs on this thread from now on, other than a callback: a thread's, a signal handler's.
+#[inline(never)]
+pub fn adopt(owner: Owner) {
+    SEAT.with(|seat| seat.owner.set(owner));
+}
+
+/// Whose code runs, or last ran, on this thread.
+#[must_use]
+#[inline(never)]
+pub fn owner() -> Owner {
+    SEAT.with(|seat| seat.owner.get())
+}
+
+/// Number of the instance whose callback runs on this thread; 0 on a thread that a component started.
+#[must_use]
+#[inline(never)]
+pub fn entered() -> u64 {
+    SEAT.with(|seat| seat.entered.get())
+}
+
+/// Leaves a note; false: it is there already.
+#[inline(never)]
+pub fn leave(note: Note) -> bool {
+    SEAT.with(|seat| {
+        let notes = seat.notes.get();
+        seat.notes.set(notes | note as u8);
+        notes & note as u8 == 0
+    })
+}
+
+/// True when anything was left.
+#[must_use]
+#[inline(never)]
+pub fn has_notes() -> bool {
+    SEAT.with(|seat| seat.notes.get() != 0)
+}
+
+/// Takes a note; false: it is not there.
+#[inline(never)]
+pub fn take(note: Note) -> bool {
+    SEAT.with(|seat| {
+        let notes = seat.notes.get();
+        seat.notes.set(notes & !(note as u8));
+        notes & note as u8 != 0
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_note_is_left_once_and_taken_once() {
+        assert!(!enter(Owner { slot: "one", instance: 7 }) && !has_notes());
+        assert!(leave(Note::Found) && !leave(Note::Found) && leave(Note::Told));
+        assert!(enter(Owner { slot: "two", instance: 8 }) && has_notes());
+        assert!(take(Note::Found) && !take(Note::Found) && !take(Note::Region) && take(Note::Told));
+        assert!(!has_notes());
+        adopt(Owner::NONE);
+        assert_eq!((owner(), entered()), (Owner::NONE, 8));
+    }
+}

@@ -24,13 +24,21 @@ pub struct Call<'a> {
     pub inject: u8,
     /// The fault that led here.
     pub fault: FaultArgs<'a>,
+    /// The time, where it was looked up just now; 0: not known. To ask takes as long as the way into a callback.
+    pub now_ns: u64,
 }
 
 impl Call<'_> {
     /// A plain call.
     #[must_use]
     pub const fn plain(hook: Hook) -> Self {
-        Self { hook, inject: 0, fault: FaultArgs::NONE }
+        Self { hook, inject: 0, fault: FaultArgs::NONE, now_ns: 0 }
+    }
+
+    /// A plain call at that time, which is now.
+    #[must_use]
+    pub const fn at(hook: Hook, now_ns: u64) -> Self {
+        Self { now_ns, ..Self::plain(hook) }
     }
 }
 
@@ -39,7 +47,8 @@ impl Call<'_> {
 /// # Errors
 /// The fault that ended it.
 pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
-    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns: clock::now_ns(), fault: call.fault };
+    let now_ns = if call.now_ns == 0 { clock::now_ns() } else { call.now_ns };
+    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault };
     let deadline_ns = args.now_ns.saturating_add(unit.limits.of(call.hook));
     let instance = &mut unit.instance;
     let mut status = CallStatus::Done;
@@ -152,18 +161,23 @@ fn guarded(
     }
     match fibers.run(stack_bytes, deadline_ns, closure) {
         Ok(Ended::Returned) => Ok(()),
-        Ok(Ended::Trapped) => Err(fibers.trap().map_or_else(|| told(Symptom::CrashSegv, ""), trapped)),
+        Ok(Ended::Trapped) => match fibers.trap() {
+            Some(trap) => Err(trapped(trap)),
+            None => Err(told(Symptom::CrashSegv, "")),
+        },
         Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
     }
 }
 
+/// Built where it is to lie: a fault is large.
+#[inline(always)]
 fn trapped(trap: &Trap) -> Fault {
     // Whatever the callback had told before it trapped is not the reason.
     let (injected, symptom) = (forget_notes(), crash::of_trap(trap));
     Fault {
         symptom,
         at_ns: injected.unwrap_or(trap.at_ns),
-        detected_ns: clock::now_ns(),
+        detected_ns: trap.seen_ns,
         injected: injected.is_some(),
         thread_lost: trap.thread_lost,
         memory: taint::of_trap(symptom, trap),
@@ -203,6 +217,9 @@ pub(super) fn told(symptom: Symptom, text: &str) -> Fault {
 }
 
 fn forget_notes() -> Option<u64> {
+    if !seat::has_notes() {
+        return None;
+    }
     let _ = check::take_report();
     host::forget()
 }

@@ -56,6 +56,8 @@ pub struct Climb {
 /// What is written down of it.
 #[derive(Clone, Copy, Default)]
 struct Record {
+    /// When the answer was looked up, as long as that is as good as now; 0 afterwards.
+    decided_at_ns: u64,
     times: Times,
     /// Age of the checkpoint that the successor went on from.
     checkpoint_ns: Option<u64>,
@@ -83,7 +85,9 @@ impl Climb {
 
 impl Record {
     fn begin(fault: &Fault) -> Self {
-        Self { times: Times { decided_ns: since(fault), ..Times::default() }, checkpoint_ns: None }
+        let decided_at_ns = clock::now_ns();
+        let decided_ns = decided_at_ns.saturating_sub(fault.at_ns);
+        Self { decided_at_ns, times: Times { decided_ns, ..Times::default() }, checkpoint_ns: None }
     }
 }
 
@@ -192,7 +196,7 @@ impl Member {
         }
         for hook in [Hook::Error, Hook::Reset] {
             let args = told(self.slot.name, climb.cause(fault));
-            if let Err(second) = self.enter(Call { hook, inject: 0, fault: args }, crew) {
+            if let Err(second) = self.enter(Call { fault: args, ..Call::plain(hook) }, crew) {
                 return climb.fail(second);
             }
             self.keep_side_report();
@@ -231,6 +235,7 @@ impl Member {
         if let Some(unit) = ready {
             return self.succeed(unit, fault, climb, crew);
         }
+        climb.record.decided_at_ns = 0;
         match self.make(number, crew) {
             Ok(unit) => self.succeed(unit, fault, climb, crew),
             Err(second) => climb.fail(second),
@@ -279,8 +284,9 @@ impl Member {
     }
 
     fn take_over(&mut self, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
-        let args = told(self.slot.name, climb.cause(fault));
-        if let Err(second) = self.enter(Call { hook: Hook::Recover, inject: 0, fault: args }, crew) {
+        let now_ns = std::mem::take(&mut climb.record.decided_at_ns);
+        let call = Call { fault: told(self.slot.name, climb.cause(fault)), ..Call::at(Hook::Recover, now_ns) };
+        if let Err(second) = self.enter(call, crew) {
             return climb.fail(second);
         }
         self.keep_side_report();
@@ -296,11 +302,12 @@ impl Member {
 
     /// The callback that the fault cut short, again.
     fn put_to_work(&mut self, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
-        climb.record.times.ready_ns = Some(since(fault));
+        let now_ns = clock::now_ns();
+        climb.record.times.ready_ns = Some(now_ns.saturating_sub(fault.at_ns));
         if self.trigger == Trigger::Passive {
             return Step::Works;
         }
-        if let Err(second) = self.enter(Call::plain(Hook::Execute), crew) {
+        if let Err(second) = self.enter(Call::at(Hook::Execute, now_ns), crew) {
             self.step(Event::Fault);
             return climb.fail(second);
         }
@@ -313,7 +320,7 @@ impl Member {
     /// The slot stops. A sound instance is told why and kept, so that it can be destroyed in order.
     fn fault_stop(&mut self, cause: &Fault, crew: &mut Crew) -> Step {
         if self.unit.as_ref().is_some_and(|unit| !unit.spent) {
-            let call = Call { hook: Hook::Error, inject: 0, fault: told(self.slot.name, cause) };
+            let call = Call { fault: told(self.slot.name, cause), ..Call::plain(Hook::Error) };
             // What it does about it changes nothing any more.
             let _ = self.enter(call, crew);
         }

@@ -19,7 +19,7 @@ pub struct Fault {
     /// Monotonic time of the fault in nanoseconds: of the faulting instruction where it was provoked, of the signal
     /// handler's entry or the callback's return else.
     pub at_ns: u64,
-    /// When the executor knew of it.
+    /// When it was seen: the signal handler's entry, or the callback's return.
     pub detected_ns: u64,
     /// It was provoked by a drill.
     pub injected: bool,
@@ -171,7 +171,7 @@ pub enum Outcome {
 /// Times of the steps, nanoseconds after the fault.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Times {
-    /// The executor knew of it.
+    /// It was seen.
     pub detected_ns: u64,
     /// The answer was looked up.
     pub decided_ns: u64,

@@ -153,10 +153,15 @@ fn touch_stack() {
     std::hint::black_box(&std::mem::MaybeUninit::<[u8; TOUCHED_STACK_BYTES]>::uninit());
 }
 
+/// Fibers with stacks of one size.
+#[allow(clippy::vec_box, reason = "they are moved from one to the other")]
+type Shelf = Vec<Box<Fiber>>;
+
 /// Fibers for one executor, by size of stack.
 pub struct FiberPool {
-    idle: Vec<(usize, Vec<Fiber>)>,
-    spent: Vec<Fiber>,
+    // Boxed: one that trapped is put aside while a recovery waits.
+    idle: Vec<(usize, Shelf)>,
+    spent: Shelf,
     lease: Lease,
 }
 
@@ -176,20 +181,22 @@ impl FiberPool {
         let lease = &self.lease;
         let shelf = shelf(&mut self.idle, stack_bytes);
         if shelf.is_empty() {
-            shelf.push(Fiber::leased(stack_bytes, lease)?);
+            shelf.push(Box::new(Fiber::leased(stack_bytes, lease)?));
         }
         // In its place on the shelf: fibers do not nest, and moving one costs as much as entering it.
         if shelf.last_mut().is_some_and(|fiber| fiber.run(deadline_ns, closure) == Ended::Returned) {
             return Ok(Ended::Returned);
         }
-        self.spent.extend(shelf.pop());
+        if let Some(fiber) = shelf.pop() {
+            self.spent.push(fiber);
+        }
         Ok(Ended::Trapped)
     }
 
     /// The last trap since the last burial.
     #[must_use]
     pub fn trap(&self) -> Option<&Trap> {
-        self.spent.last().and_then(Fiber::trap)
+        self.spent.last().and_then(|fiber| fiber.trap())
     }
 
     /// What the watchdog reads of this executor.
@@ -206,7 +213,7 @@ impl FiberPool {
         self.spent.reserve(IDLE_FIBERS);
         let (shelf, lease) = (shelf(&mut self.idle, stack_bytes), &self.lease);
         while shelf.len() < count {
-            let mut fiber = Fiber::leased(stack_bytes, lease)?;
+            let mut fiber = Box::new(Fiber::leased(stack_bytes, lease)?);
             fiber.run(NEVER, &mut touch_stack);
             shelf.push(fiber);
         }
@@ -220,7 +227,7 @@ impl FiberPool {
 }
 
 /// Fibers with a stack of that size.
-fn shelf(idle: &mut Vec<(usize, Vec<Fiber>)>, stack_bytes: usize) -> &mut Vec<Fiber> {
+fn shelf(idle: &mut Vec<(usize, Shelf)>, stack_bytes: usize) -> &mut Shelf {
     let index = idle.iter().position(|(size, _)| *size == stack_bytes).unwrap_or_else(|| {
         idle.push((stack_bytes, Vec::with_capacity(IDLE_FIBERS)));
         idle.len() - 1

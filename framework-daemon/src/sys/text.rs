@@ -100,7 +100,8 @@ fn add(text: Text) -> bool {
 pub fn find(pc: usize) -> Option<&'static Text> {
     let used = USED.load(Ordering::Acquire).min(TEXTS);
     let holds = |span: &Span| pc < span.end.load(Ordering::Acquire) && pc >= span.start.load(Ordering::Relaxed);
-    SPANS[..used].iter().position(holds).and_then(|index| TABLE[index].get())
+    // From the end: plugins come last, and it is they that trap.
+    SPANS[..used].iter().rposition(holds).and_then(|index| TABLE[index].get())
 }
 
 /// Whose code that address is in; `None`: nobody's that is known.

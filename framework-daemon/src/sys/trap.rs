@@ -56,6 +56,8 @@ pub struct Trap {
     pub thread_lost: bool,
     /// When it happened: of a hang, when its time was over; else when the handler was entered.
     pub at_ns: u64,
+    /// When the handler was entered.
+    pub seen_ns: u64,
 }
 
 impl Trap {
@@ -72,6 +74,7 @@ impl Trap {
             hang: false,
             thread_lost: false,
             at_ns,
+            seen_ns: at_ns,
         }
     }
 }
@@ -410,7 +413,8 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     let context = unsafe { &*context.cast::<libc::ucontext_t>() };
     let (pc, sp) = arch::position(context);
     let Some(armed) = armed().filter(|armed| armed.holds(pc, sp)) else { return };
-    let Some(at_ns) = armed.pulse.deadline_ns().filter(|deadline| *deadline <= clock::now_ns()) else { return };
+    let seen_ns = clock::now_ns();
+    let Some(at_ns) = armed.pulse.deadline_ns().filter(|deadline| *deadline <= seen_ns) else { return };
     let site = armed.site(0, context);
     // In the daemon's own function, or in the allocator of a component that is in and out of it: another moment is better.
     // A component that waits inside the C library will not leave it.
@@ -426,7 +430,7 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
     let site = if site == Site::Daemon { Site::Elsewhere } else { site };
     let evidence = TrapEvidence { callers: armed.callers(context), ..evidence(signal, 0, 0, context) };
-    armed.end(Trap { site, hang: true, ..Trap::new(evidence, at_ns) })
+    armed.end(Trap { site, hang: true, seen_ns, ..Trap::new(evidence, at_ns) })
 }
 
 /// Some when the signal was sent and not caused by an instruction; true when this process sent it to itself (`abort`).

@@ -63,6 +63,12 @@ impl InPort {
         let _ = self.listener.set(listener);
     }
 
+    /// How it buffers.
+    #[must_use]
+    pub const fn policy(&self) -> Queue {
+        self.policy
+    }
+
     /// How many blocks this port can hold: what is queued, and what its reader looks at.
     #[must_use]
     pub fn capacity(&self) -> usize {

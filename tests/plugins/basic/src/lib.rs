@@ -305,4 +305,19 @@ impl Callbacks for Beat {
     }
 }
 
-export_components!(Beat, Ticker, Downer, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn);
+/// Fails in each of its callbacks, and counts them in what it says.
+#[derive(Component)]
+#[component(name = "Wreck", version = "1.0", periodic = "1ms")]
+pub struct Wreck {
+    #[critical]
+    failures: u64,
+}
+
+impl Callbacks for Wreck {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.failures += 1;
+        Err(ComponentError::new(format!("failure {}", self.failures)))
+    }
+}
+
+export_components!(Beat, Ticker, Downer, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn, Wreck);

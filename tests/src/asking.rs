@@ -60,7 +60,7 @@ pub fn ask(daemon: &Running, words: &str) -> Answer {
 /// As there.
 #[must_use]
 pub fn ask_at(socket: &Path, words: &str) -> Answer {
-    answer(verb(socket, words).output().expect("the daemon's binary runs"))
+    answer(&verb(socket, words).output().expect("the daemon's binary runs"))
 }
 
 /// Starts a verb that goes on.
@@ -79,10 +79,10 @@ pub fn start(daemon: &Running, words: &str) -> Child {
 /// When it cannot be waited for.
 #[must_use]
 pub fn finish(child: Child) -> Answer {
-    answer(child.wait_with_output().expect("a child can be waited for"))
+    answer(&child.wait_with_output().expect("a child can be waited for"))
 }
 
-fn answer(output: Output) -> Answer {
+fn answer(output: &Output) -> Answer {
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     Answer { code: output.status.code(), out: text(&output.stdout), err: text(&output.stderr) }
 }

@@ -181,7 +181,7 @@ fn who_follows_sees_each_fault_in_order() {
         }
         let (fault, text) = (&line["fault"], line["fault"]["evidence"]["message"].as_str().unwrap().to_owned());
         let (now, failure) = (fault["seq"].as_u64(), text.rsplit(' ').next().unwrap().parse::<u64>().ok());
-        assert!(seq.is_none_or(|before: u64| now == Some(before + 1)), "{before:?} {now:?}", before = seq);
+        assert!(seq.is_none_or(|before: u64| now == Some(before + 1)), "{seq:?} {now:?}");
         assert!(failures.is_none_or(|before: u64| failure == Some(before + 1)), "{text} after {failures:?}");
         (seq, failures) = (now, failure);
     }
@@ -261,6 +261,19 @@ fn a_reload_that_takes_long_keeps_nobody_else_waiting() {
     }
     assert_eq!(one.reply().unwrap()["parameters"]["removed"], json!(["stubborn"]));
     assert_eq!(other.ask("Status", &json!({}))["parameters"]["state"], "running");
+}
+
+#[test]
+fn while_it_starts_it_says_so_and_a_reload_waits_for_it() {
+    let profiles = Profiles::new(&application(&[slot("sluggard", "Sluggard", "")], &[]));
+    let daemon = Running::spawn(profiles.path(), &[]);
+    daemon.wait_for("control socket: ");
+    let status = done(ask(&daemon, "status --format json")).json().remove(0);
+    assert_eq!((&status["state"], &status["slots"]), (&json!("starting"), &json!([])));
+    let early = ask(&daemon, "component info sluggard");
+    assert!(early.code == Some(6) && early.err.contains("the daemon is starting"), "{early:?}");
+    assert_eq!(done(ask(&daemon, "reload --format json")).json()[0]["kept"], 1);
+    done(ask(&daemon, "component info sluggard"));
 }
 
 #[test]

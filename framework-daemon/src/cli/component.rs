@@ -1,13 +1,15 @@
 //! `component`: the slots of a running daemon, one by one.
 
 use std::io::{self, Write};
+use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use serde_json::{Map, Value};
 
 use super::exit_code::Exit;
 use super::remote::{Remote, fields, parameters, section};
-use crate::control::views::table;
+use crate::control::views::{cell, table};
+use crate::model::limits::{RESETS_DEFAULT, RESETS_WINDOW};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon component list\n  framework-daemon component info avoider\n\n\
      Exit codes: 0 answered, 5 no daemon can be reached, 6 refused: no such slot.";
@@ -98,9 +100,47 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
 
 fn describe(component: &Value) -> Vec<String> {
     let rows = |name: &str| component[name].as_array().cloned().unwrap_or_default();
-    let mut lines = fields(component, &FIELDS);
+    let mut shown = component.clone();
+    shown["severity"] = severity(&component["severity"]).into();
+    shown["reset"] = intensity(&component["reset"]).into();
+    let mut lines = fields(&shown, &FIELDS);
     lines.extend(section("properties", &["name", "type", "value"], &rows("properties")));
     lines.extend(section("secondaries", &["class", "preload"], &rows("secondaries")));
     lines.extend(section("ports", &["port", "direction", "type", "connections"], &rows("ports")));
     lines
+}
+
+/// What most symptoms are answered by, then the others: `reset; hang: stop`.
+fn severity(table: &Value) -> String {
+    let answers: Vec<(String, String)> =
+        table.as_object().into_iter().flatten().map(|(symptom, answer)| (symptom.clone(), cell(answer))).collect();
+    let count = |answer: &str| answers.iter().filter(|(_, other)| other == answer).count();
+    let Some((_, most)) = answers.iter().max_by_key(|(_, answer)| count(answer)) else { return String::new() };
+    let others = answers.iter().filter(|(_, answer)| answer != most);
+    let others = others.map(|(symptom, answer)| format!("; {symptom}: {answer}"));
+    std::iter::once(most.clone()).chain(others).collect()
+}
+
+/// `at most 3 in 10s`.
+fn intensity(reset: &Value) -> String {
+    let time = |ns: u64| format!("{:?}", Duration::from_nanos(ns));
+    match (reset["limit"].as_u64(), reset["within_ns"].as_u64()) {
+        (Some(limit), Some(within_ns)) => format!("at most {limit} in {}", time(within_ns)),
+        _ => format!("at most {RESETS_DEFAULT} in {RESETS_WINDOW:?}, as nothing is said"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn rules_are_told_in_few_words() {
+        let table = json!({"crash.segv": "reset", "error": "reset", "hang": "stop"});
+        assert_eq!(severity(&table), "reset; hang: stop");
+        assert_eq!(intensity(&json!({"limit": 3, "within_ns": 10_000_000_000_u64})), "at most 3 in 10s");
+        assert!(intensity(&Value::Null).starts_with("at most 10 in 10s"));
+    }
 }

@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::exit_code::Exit;
 use super::remote::{Remote, parameters};
 use crate::control::views::{cell, table};
+use crate::model::fault::TrapEvidence;
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon fault list --last 20\n  framework-daemon fault follow --slot avoider\n\n\
      The daemon keeps the newest 1024; the journal has all.\n\n\
@@ -120,7 +121,12 @@ fn evidence(evidence: &Value) -> String {
     match evidence["kind"].as_str() {
         Some("trap") => {
             let place = evidence["function"].as_str().or(evidence["caller"].as_str()).unwrap_or("an unknown function");
-            format!("signal {} at {:#x} in {place}", text("signal"), evidence["address"].as_u64().unwrap_or_default())
+            let number = evidence["signal"].as_i64().and_then(|number| i32::try_from(number).ok()).unwrap_or_default();
+            let trap = TrapEvidence::new(number, evidence["address"].as_u64().unwrap_or_default(), 0);
+            match number {
+                libc::SIGSEGV | libc::SIGBUS => format!("{} at {:#x} in {place}", trap.signal_name(), trap.address),
+                _ => format!("{} in {place}", trap.signal_name()),
+            }
         }
         Some("panic") => format!("{} ({}:{})", text("message"), text("file"), text("line")),
         Some("text") => text("message"),
@@ -153,7 +159,7 @@ mod tests {
             "evidence": {"kind": "trap", "signal": 11, "address": 8, "function": "ticker::step"}});
         assert_eq!(
             followed(&json!({"fault": line})),
-            "22:13:20.250  avoider           crash.segv   reset    recovered  2.3 us     signal 11 at 0x8 in ticker::step"
+            "22:13:20.250  avoider           crash.segv   reset    recovered  2.3 us     SIGSEGV at 0x8 in ticker::step"
         );
         assert!(followed(&json!({"missed": 7})).starts_with("7 lines"));
         assert!(

@@ -210,7 +210,7 @@ mod tests {
 
     use super::*;
 
-    fn call(method: &str, parameters: Value) -> Call {
+    fn call(method: &str, parameters: &Value) -> Call {
         let parameters = parameters.as_object().cloned().unwrap_or_default();
         Call { method: method.to_owned(), parameters, more: true, oneway: false }
     }
@@ -232,7 +232,7 @@ mod tests {
                 let taken =
                     taken.split(", ").filter_map(|field| field.split(':').next()).filter(|name| !name.is_empty());
                 let parameters = Map::from_iter(taken.map(|name| (name.to_owned(), given[name].clone())));
-                let asked = call(&format!("{interface}.{name}"), Value::Object(parameters));
+                let asked = call(&format!("{interface}.{name}"), &Value::Object(parameters));
                 assert!(Method::of(&asked).is_ok(), "{asked:?}: {:?}", Method::of(&asked));
             }
         }
@@ -269,7 +269,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_wrong_or_unknown_is_named() {
-        let refused = |method: &str, parameters| Method::of(&call(method, parameters)).unwrap_err();
+        let refused = |method: &str, parameters: Value| Method::of(&call(method, &parameters)).unwrap_err();
         let invalid = |name: &str| Refusal::InvalidParameter(name.to_owned());
         assert_eq!(refused("io.frameworkdaemon.DescribeComponent", json!({})), invalid("slot"));
         assert_eq!(refused("io.frameworkdaemon.DescribePort", json!({"slot": "a", "port": 1})), invalid("port"));
@@ -280,7 +280,7 @@ mod tests {
         assert_eq!(refused("io.other.Status", json!({})), Refusal::InterfaceNotFound("io.other".into()));
         assert_eq!(refused("Status", json!({})), Refusal::MethodNotFound("Status".into()));
         assert_eq!(refused("io.frameworkdaemon.status", json!({})).name(), "org.varlink.service.MethodNotFound");
-        let follow = Call { more: false, ..call("io.frameworkdaemon.Follow", json!({})) };
+        let follow = Call { more: false, ..call("io.frameworkdaemon.Follow", &json!({})) };
         assert_eq!(Method::of(&follow), Err(Refusal::ExpectedMore));
     }
 
@@ -300,7 +300,7 @@ mod tests {
             ),
             more: bool,
         ) {
-            match Method::of(&Call { more, ..call(&name, json!(fields)) }) {
+            match Method::of(&Call { more, ..call(&name, &json!(fields)) }) {
                 Ok(Method::Follow(_, last) | Method::ListFaults(_, last)) => prop_assert!(last <= FEED_LINES),
                 Ok(Method::Hz(_, window)) => prop_assert!((RATE_WINDOW_MIN..=RATE_WINDOW_MAX).contains(&window)),
                 Ok(_) => {}

@@ -125,6 +125,10 @@ impl Server {
             }
             let mut rung = [0; 64];
             while self.ear.read(&mut rung).is_ok_and(|count| count == rung.len()) {}
+            // A plugin that closes descriptors of the daemon must not make this thread spin.
+            if events.first().is_some_and(|events| !PollFlags::POLLIN.contains(*events)) {
+                std::thread::sleep(DEAF);
+            }
         }
     }
 
@@ -226,5 +230,124 @@ impl Server {
                 "{CONTROL_CLIENTS} clients are there already, and all follow something: end one of them"
             ))),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::Shutdown;
+    use std::sync::Mutex;
+
+    use proptest::prelude::*;
+    use serde_json::Map;
+
+    use super::super::Control;
+    use super::super::client::{CallError, Client};
+    use super::*;
+    use crate::fault::journal::Journal;
+    use crate::fault::manager;
+
+    /// What a client may do.
+    #[derive(Clone, Debug)]
+    enum Step {
+        Bytes(Vec<u8>),
+        Call(&'static str, bool),
+        EndInput,
+        Leave,
+    }
+
+    fn step() -> impl Strategy<Value = Step> {
+        let methods = ["Status", "ListPorts", "ListFaults", "Follow", "Hz", "Reload", "DescribePort", "Nothing"];
+        prop_oneof![
+            3 => prop::collection::vec(prop_oneof![1 => Just(0u8), 9 => any::<u8>()], 0..300).prop_map(Step::Bytes),
+            5 => (prop::sample::select(methods.to_vec()), any::<bool>()).prop_map(|(name, more)| Step::Call(name, more)),
+            1 => Just(Step::EndInput),
+            1 => Just(Step::Leave),
+        ]
+    }
+
+    struct Served {
+        control: Control,
+        _faults: crate::model::fault::FaultSender,
+        scratch: tempfile::TempDir,
+    }
+
+    fn serve() -> Served {
+        let scratch = tempfile::tempdir().unwrap();
+        let journal = Journal::open(&scratch.path().join("journal.jsonl")).unwrap();
+        let (manager, faults) = manager::start(Arc::new(Mutex::new(journal))).unwrap();
+        let socket = Socket::take(&scratch.path().join("s")).unwrap();
+        let control = Control::start(socket, scratch.path().to_owned(), manager.outlook()).unwrap();
+        Served { control, _faults: faults, scratch }
+    }
+
+    impl Served {
+        fn connect(&self) -> Client {
+            Client::connect(Some(&self.scratch.path().join("s"))).unwrap()
+        }
+    }
+
+    fn play(steps: &[Step], path: &std::path::Path) -> Option<UnixStream> {
+        let mut stream = UnixStream::connect(path).unwrap();
+        stream.set_nonblocking(true).unwrap();
+        for step in steps {
+            // Who is hung up on, or does not read, cannot write either.
+            let _ = match step {
+                Step::Bytes(bytes) => stream.write(bytes).map(drop),
+                Step::Call(method, more) => {
+                    let call = serde_json::json!({"method": format!("io.frameworkdaemon.{method}"), "more": more});
+                    stream.write(format!("{call}\0").as_bytes()).map(drop)
+                }
+                Step::EndInput => stream.shutdown(Shutdown::Write),
+                Step::Leave => return None,
+            };
+        }
+        Some(stream)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(40))]
+
+        /// Whatever others did, do not read or leave half said: who asks is answered.
+        #[test]
+        fn nobody_holds_anybody_up(clients in prop::collection::vec(prop::collection::vec(step(), 0..12), 0..30)) {
+            let served = serve();
+            let path = served.scratch.path().join("s");
+            let staying: Vec<_> = clients.iter().filter_map(|steps| play(steps, &path)).collect();
+            let status = served.connect().call("Status", Map::new());
+            prop_assert!(matches!(&status, Ok(status) if status["state"] == "starting"), "{status:?}");
+            drop(staying);
+        }
+    }
+
+    #[test]
+    fn a_reload_is_passed_on_and_its_answer_back() {
+        let served = serve();
+        let orders = served.control.orders().clone();
+        let answering = std::thread::spawn(move || {
+            let changes = super::super::Changes { kept: 3, ..Default::default() };
+            orders.recv().unwrap().answer(&Ok(changes));
+            orders.recv().unwrap().answer(&Err(vec!["no".to_owned()]));
+        });
+        let mut client = served.connect();
+        assert_eq!(client.call_patiently("Reload", Map::new()).unwrap()["kept"], 3);
+        let Err(CallError::Refused { name, parameters }) = client.call_patiently("Reload", Map::new()) else {
+            panic!("it was refused")
+        };
+        assert_eq!((name.as_str(), &parameters["reasons"][0]), ("io.frameworkdaemon.ReloadRefused", &"no".into()));
+        answering.join().unwrap();
+    }
+
+    #[test]
+    fn who_waits_when_the_daemon_ends_is_hung_up_on() {
+        let served = serve();
+        let mut client = served.connect();
+        let waiting = std::thread::spawn(move || client.call_patiently("Reload", Map::new()));
+        let order = served.control.orders().recv().unwrap();
+        let Served { control, scratch, .. } = served;
+        drop(control);
+        assert!(matches!(waiting.join().unwrap(), Err(CallError::Unreachable(told)) if told.contains("it hung up")));
+        assert!(!scratch.path().join("s").exists());
+        order.answer(&Err(Vec::new()));
     }
 }

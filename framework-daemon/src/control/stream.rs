@@ -158,7 +158,8 @@ mod tests {
         let feed = Feed::default();
         feed.push(fault(1, "a"));
         let mut follow = Follow::new(&feed, Some("a".into()), 1);
-        [fault(2, "b"), fault(3, "a"), Map::from_iter([("count".into(), 9.into())])].map(|line| feed.push(line));
+        let more = [fault(2, "b"), fault(3, "a"), Map::from_iter([("count".into(), 9.into())])];
+        more.into_iter().for_each(|line| feed.push(line));
         let seen: Vec<Value> = std::iter::from_fn(|| follow.next(&feed)).collect();
         let faults = seen.iter().map(|reply| &reply["fault"]);
         let faults: Vec<_> = faults.map(|line| (line["seq"].as_u64(), line["count"].as_u64())).collect();

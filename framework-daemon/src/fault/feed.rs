@@ -146,7 +146,7 @@ mod tests {
         };
         assert_eq!(begin(0, |_| true), None);
         assert_eq!(begin(3, |_| true), Some(Next::Line(Arc::new(line(7)))));
-        assert_eq!(begin(2, |line| number(line) % 3 == 0), Some(Next::Line(Arc::new(line(6)))));
+        assert_eq!(begin(2, |line| number(line).is_multiple_of(3)), Some(Next::Line(Arc::new(line(6)))));
         assert_eq!(begin(100, |_| true), Some(Next::Line(Arc::new(line(0)))));
         assert_eq!(begin(100, |_| false), None);
     }

@@ -320,4 +320,18 @@ impl Callbacks for Wreck {
     }
 }
 
-export_components!(Beat, Ticker, Downer, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn, Wreck);
+/// Takes its time until it is ready.
+#[derive(Component)]
+#[component(name = "Sluggard", version = "1.0", passive)]
+pub struct Sluggard {}
+
+impl Callbacks for Sluggard {
+    fn initialize(&mut self, _: &mut Context<'_>) -> Outcome {
+        std::thread::sleep(std::time::Duration::from_millis(1500));
+        Ok(())
+    }
+}
+
+export_components!(
+    Beat, Ticker, Downer, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn, Wreck, Sluggard
+);

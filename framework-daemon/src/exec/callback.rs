@@ -3,7 +3,7 @@
 
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
-use super::strand::{Pause, Strand};
+use super::strand::{self, Pause, Strand};
 use super::unit::{Parts, Unit};
 use crate::detect::{crash, taint};
 use crate::model::fault::{Evidence, Fault, Memory, ShortText};
@@ -79,9 +79,11 @@ pub fn begin(
 ) -> Result<Pause, Fault> {
     let now_ns = if call.now_ns == 0 { clock::now_ns() } else { call.now_ns };
     let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault };
-    let frame = strand.frame(unit.instance.entry(), args);
+    let deadline_ns = now_ns.saturating_add(unit.limits.of(call.hook));
+    let may_wait = strand::may_wait(call.hook);
+    let frame = strand.frame(unit.instance.entry(), args, unit.limits);
     take_seat(Owner { slot, instance: unit.number });
-    match fibers.begin(unit.limits.stack_bytes, now_ns.saturating_add(unit.limits.of(call.hook)), frame) {
+    match fibers.begin(unit.limits.stack_bytes, deadline_ns, may_wait, frame) {
         Ok(progress) => settle(fibers, unit, strand, progress),
         Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
     }

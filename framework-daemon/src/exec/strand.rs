@@ -134,9 +134,13 @@ impl Frame {
             Hook::Start if executes => Hook::Execute,
             _ => return false,
         };
-        let now_ns = clock::now_ns();
+        // `start` has seconds: whether `recover` took microseconds or all that it may is nothing to it.
+        let (now_ns, begins_ns) = match hook {
+            Hook::Start => (0, self.args.now_ns.saturating_add(self.limits.of(self.args.hook))),
+            _ => [clock::now_ns(); 2].into(),
+        };
         self.args = CallArgs { hook, inject: 0, now_ns, fault: FaultArgs::NONE };
-        trap::rearm(now_ns.saturating_add(self.limits.of(hook)), may_wait(hook));
+        trap::rearm(begins_ns.saturating_add(self.limits.of(hook)), may_wait(hook));
         true
     }
 }

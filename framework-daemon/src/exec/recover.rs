@@ -12,6 +12,7 @@ use super::callback::{self, Call};
 use super::checkpoint::Checkpoint;
 use super::member::{Crew, Member};
 use super::slot::Status;
+use super::strand::{Job, Pause};
 use super::unit::Unit;
 use crate::model::fault::{Fault, FaultEvent, FaultSender, Outcome, Times};
 use crate::model::ladder::Answer;
@@ -102,6 +103,8 @@ impl Breath {
 impl Member {
     /// Answers a fault of this slot.
     pub fn handle(&mut self, fault: &Fault, crew: &mut Crew) {
+        // Where something else than the callback failed, it may be waiting.
+        self.end_wait(crew);
         Status::count(&self.slot.status.faults);
         let class = self.slot.status.class();
         let answer = self.look_up(fault);
@@ -285,7 +288,12 @@ impl Member {
 
     fn take_over(&mut self, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
         let now_ns = std::mem::take(&mut climb.record.decided_at_ns);
-        let call = Call { fault: told(self.slot.name, climb.cause(fault)), ..Call::at(Hook::Recover, now_ns) };
+        let cause = climb.cause(fault);
+        if let Some(args) = told_for_good(self.slot.name, cause) {
+            let call = Call { fault: args, ..Call::at(Hook::Recover, now_ns) };
+            return self.take_over_at_once(call, fault, climb, crew);
+        }
+        let call = Call { fault: told(self.slot.name, cause), ..Call::at(Hook::Recover, now_ns) };
         if let Err(second) = self.enter(call, crew) {
             return climb.fail(second);
         }
@@ -300,6 +308,34 @@ impl Member {
         self.put_to_work(fault, climb, crew)
     }
 
+    /// The same in one go: what the successor is told need not be kept for it.
+    fn take_over_at_once(&mut self, call: Call<'static>, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
+        self.step(Event::Recover);
+        self.step(Event::Start);
+        let executes = self.trigger != Trigger::Passive;
+        let result = self.undertake(Job::Succeed { executes }, call, crew);
+        self.keep_side_report();
+        let (hook, at_ns) = self.strand.last().unwrap_or_else(|| (Hook::Execute, clock::now_ns()));
+        let times = &mut climb.record.times;
+        match result {
+            Ok(pause) if executes => {
+                times.ready_ns = Some(at_ns.saturating_sub(fault.at_ns));
+                if pause == Pause::Done {
+                    times.first_callback_ns = Some(since(fault));
+                    Status::count(&self.slot.status.cycles);
+                }
+            }
+            Ok(_) => times.ready_ns = Some(since(fault)),
+            Err(second) => {
+                self.step(Event::Fault);
+                self.unit.iter_mut().for_each(|unit| unit.started = hook == Hook::Execute);
+                return climb.fail(second);
+            }
+        }
+        self.unit.iter_mut().for_each(|unit| unit.started = true);
+        Step::Works
+    }
+
     /// The callback that the fault cut short, again.
     fn put_to_work(&mut self, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
         let now_ns = clock::now_ns();
@@ -307,9 +343,17 @@ impl Member {
         if self.trigger == Trigger::Passive {
             return Step::Works;
         }
-        if let Err(second) = self.enter(Call::at(Hook::Execute, now_ns), crew) {
-            self.step(Event::Fault);
-            return climb.fail(second);
+        match self.undertake(Job::Execute { queued: 0 }, Call::at(Hook::Execute, now_ns), crew) {
+            Err(second) => {
+                self.step(Event::Fault);
+                return climb.fail(second);
+            }
+            // It is at work, and waits for somebody else.
+            Ok(Pause::Waits) => {
+                self.keep_side_report();
+                return Step::Works;
+            }
+            Ok(Pause::Done) => {}
         }
         climb.record.times.first_callback_ns = Some(since(fault));
         self.keep_side_report();
@@ -401,6 +445,12 @@ pub(super) fn send(faults: &FaultSender, event: FaultEvent) {
 
 fn since(fault: &Fault) -> u64 {
     clock::now_ns().saturating_sub(fault.at_ns)
+}
+
+/// As [`told`], where the text outlives the fault.
+fn told_for_good(slot: &'static str, fault: &Fault) -> Option<FaultArgs<'static>> {
+    let message = RStr::from_str(fault.evidence.lasting_text()?);
+    Some(FaultArgs { symptom: RStr::from_str(fault.symptom.name()), slot: RStr::from_str(slot), message })
 }
 
 fn told<'a>(slot: &'a str, fault: &'a Fault) -> FaultArgs<'a> {

@@ -165,6 +165,14 @@ fn faults_are_listed_with_what_was_done() {
         assert!(text.contains(word), "no `{word}` in:\n{text}");
     }
     assert_eq!(text.lines().count(), 4);
+    for verb in ["fault list --slot tiker", "fault follow --slot tiker"] {
+        let wrong = ask(&daemon, verb);
+        assert!(wrong.code == Some(6) && wrong.err.contains("did you mean `ticker`?"), "{verb}: {wrong:?}");
+    }
+    // A slot that is gone has left its faults.
+    profiles.replace("app.xml", &slot("diary", "Diary", ""), "");
+    done(ask(&daemon, "reload"));
+    assert_eq!(done(ask(&daemon, "fault list --slot diary --format json")).json().len(), 1);
 }
 
 #[test]

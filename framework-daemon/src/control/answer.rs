@@ -51,11 +51,23 @@ impl Sight {
             }
             Method::DescribePort(name) => self.port(name)?,
             Method::ListFaults(slot, last) => {
+                self.check_slot(slot.as_deref())?;
                 json!({"faults": stream::list(self.outlook.feed(), slot.as_deref(), *last)})
             }
-            Method::Hz(..) | Method::Follow(..) | Method::Reload => return Ok(None),
+            Method::Follow(slot, _) => {
+                self.check_slot(slot.as_deref())?;
+                return Ok(None);
+            }
+            Method::Hz(..) | Method::Reload => return Ok(None),
         };
         Ok(Some(answer))
+    }
+
+    /// Faults may be asked for of a slot that runs, or of one that is gone and left some.
+    fn check_slot(&self, slot: Option<&str>) -> Result<(), Refusal> {
+        let Some((slot, directory)) = slot.zip(self.board.newest()) else { return Ok(()) };
+        let found = stream::entry(&directory, slot).map(|_| ());
+        found.or_else(|refusal| if stream::knows(self.outlook.feed(), slot) { Ok(()) } else { Err(refusal) })
     }
 
     fn status(&self) -> Value {

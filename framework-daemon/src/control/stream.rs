@@ -47,6 +47,11 @@ impl Follow {
     }
 }
 
+/// True when a line of that slot is kept.
+pub(super) fn knows(feed: &Feed, slot: &str) -> bool {
+    feed.any(|line| line.get("slot").and_then(Value::as_str) == Some(slot))
+}
+
 /// The newest `last` lines that are kept, oldest first.
 #[must_use]
 pub(super) fn list(feed: &Feed, slot: Option<&str>, last: usize) -> Vec<Value> {

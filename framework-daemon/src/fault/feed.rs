@@ -86,6 +86,12 @@ impl Feed {
         Cursor(if last == 0 { end } else { places.get(skipped).copied().unwrap_or(end) })
     }
 
+    /// True when a line is kept that is wanted.
+    #[must_use]
+    pub fn any(&self, wanted: impl Fn(&Line) -> bool) -> bool {
+        self.with(|ring| ring.lines.clone()).iter().any(wanted)
+    }
+
     /// What comes next; `None`: nothing yet.
     #[must_use]
     pub fn next(&self, cursor: &mut Cursor) -> Option<Next> {

@@ -20,7 +20,7 @@ const LIST_EXAMPLES: &str = "Examples:\n  framework-daemon fault list\n  framewo
 
 const FOLLOW_EXAMPLES: &str = "Examples:\n  framework-daemon fault follow\n  \
      framework-daemon fault follow --slot avoider --last 10 --format json\n\n\
-     With --format json each line is {\"fault\": ...} as the journal has it, or {\"missed\": N} where faults came faster than they\n\
+     With --format json each line is {\"fault\": ...} as the journal has it, or {\"missed\": N} where faults came faster than they \
      were read.";
 
 /// Columns with the widths that they have while faults are followed: nobody knows yet what comes.

@@ -18,7 +18,7 @@ const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --
      In place of a slot, `daemon` is the daemon itself (crash.segv, crash.abort, crash.panic): it writes the safe outputs of its\n     \
      actuators and a crash record, and ends by the signal.\n\n\
      SIGHUP reloads the profiles, all or nothing. SIGTERM and SIGINT end in order; a second one leaves at once.\n\
-     SIGUSR1 writes the status of all slots into log and journal; `status`, `fault follow`, `reload` and others ask by the\n     \
+     SIGUSR1 writes the status of all slots into log and journal; `status`, `fault follow`, `reload` and others ask by the \
      control socket. Where the usual place for it is not to be had it runs without; one named by --socket must be had.\n\
      When all slots run, a line that begins with `ready` is printed.";
 

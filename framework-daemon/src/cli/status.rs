@@ -11,7 +11,7 @@ use crate::control::views::{cell, status_table};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon status\n  \
      framework-daemon status --format json | jq '.slots[] | select(.faults > 0) | .slot'\n\n\
-     Of each slot: its state, the class that fills it, and since the start its callbacks, periods that began too late, faults,\n\
+     Of each slot: its state, the class that fills it, and since the start its callbacks, periods that began too late, faults, \
      instances given up, faults after which memory may be damaged; spares that are ready.\n\n\
      Exit codes: 0 answered, 5 no daemon can be reached, 6 refused.";
 

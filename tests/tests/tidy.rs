@@ -12,6 +12,7 @@ const LAYERS: [&str; 11] =
 /// it for one function.
 const UNSAFE: &[&str] = &[
     "component-sdk/derive/src/comm_object.rs",
+    "component-sdk/src/abi/calls.rs",
     "component-sdk/src/abi/export.rs",
     "component-sdk/src/abi/host.rs",
     "component-sdk/src/abi/inject.rs",
@@ -21,7 +22,8 @@ const UNSAFE: &[&str] = &[
     "component-sdk/src/object/scalar.rs",
     "component-sdk/src/object/sequence.rs",
     "component-sdk/src/object/text.rs",
-    "component-sdk/src/testing.rs",
+    "component-sdk/src/testing/calls.rs",
+    "component-sdk/src/testing/mod.rs",
     "framework-daemon/src/exec/checkpoint.rs",
     "framework-daemon/src/plugin/instance.rs",
     "framework-daemon/src/plugin/library.rs",

@@ -8,11 +8,12 @@ use std::sync::atomic::{AtomicPtr, Ordering};
 use abi_stable::StableAbi;
 use abi_stable::std_types::{RSlice, RStr};
 
+use super::calls::CallApi;
 use super::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 
 /// The functions of the daemon.
 ///
-/// None of them blocks, allocates on the path of data, or holds a lock while it touches the plugin's memory.
+/// None of them blocks a thread, allocates on the path of data, or holds a lock while it touches the plugin's memory.
 #[repr(C)]
 #[derive(StableAbi, Clone, Copy)]
 pub struct HostApi {
@@ -40,6 +41,8 @@ pub struct HostApi {
     pub read: extern "C" fn(port: PortHandle, mode: ReadMode) -> ReadResult,
     /// Bytes that are written to a descriptor when the process dies; none: no longer.
     pub safe_output: extern "C" fn(fd: i32, bytes: RSlice<'_, u8>),
+    /// Queries.
+    pub calls: CallApi,
 }
 
 static HOST: AtomicPtr<HostApi> = AtomicPtr::new(std::ptr::null_mut());
@@ -71,6 +74,7 @@ static DETACHED: HostApi = HostApi {
     give_back: detached::give_back,
     read: detached::read,
     safe_output: detached::safe_output,
+    calls: CallApi::CLOSED,
 };
 
 mod detached {

@@ -11,13 +11,13 @@ use std::time::Duration;
 use crossbeam_channel::{Receiver, SendError, Sender};
 
 use super::member::{Crew, Member};
-use super::trigger::Bell;
 use crate::model::fault::FaultSender;
 use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
 use crate::model::time::nanoseconds;
 use crate::port::output;
 use crate::profile::plan::Trigger;
+use crate::sys::bell::Bell;
 use crate::sys::fiber::FiberPool;
 use crate::sys::foreign::Report;
 use crate::sys::{arch, carrier, clock, watchdog};
@@ -330,7 +330,7 @@ impl Run {
         for _ in 0..=self.order.len() * 4 {
             let Some(number) = self.bell.next_ready() else { return };
             if let Some(Some(member)) = self.members.get(number) {
-                member.signal.clear();
+                let _ = member.signal.take();
                 if member.trigger == Trigger::Nonperiodic {
                     self.execute(number);
                 }

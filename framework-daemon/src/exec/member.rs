@@ -10,7 +10,6 @@ use super::callback::{self, Call};
 use super::checkpoint::Checkpoint;
 use super::recover::Breath;
 use super::slot::{Slot, Status};
-use super::trigger::Signal;
 use super::unit::Unit;
 use super::workshop::Shelf;
 use crate::model::fault::{Fault, FaultSender};
@@ -19,6 +18,7 @@ use crate::model::lifecycle::{Event, State};
 use crate::model::time::nanoseconds;
 use crate::port::output;
 use crate::profile::plan::{Preload, Trigger};
+use crate::sys::bell::{Ring, Signal};
 use crate::sys::clock;
 use crate::sys::fiber::FiberPool;
 
@@ -179,9 +179,9 @@ impl Member {
             // Multiples of the period: all members of one period begin together, on every executor.
             self.next_due_ns = (clock::now_ns() / period + 1) * period;
         }
-        self.signal.clear();
+        let _ = self.signal.take();
         if self.trigger == Trigger::Nonperiodic && self.slot.inputs.iter().any(|port| port.has_data()) {
-            self.signal.ring();
+            self.signal.ring(Ring::Data);
         }
     }
 
@@ -205,7 +205,7 @@ impl Member {
         }
         // It took one value of several: the others are news, too. One that takes nothing is not asked again.
         if self.trigger == Trigger::Nonperiodic && (1..queued).contains(&self.queued()) {
-            self.signal.ring();
+            self.signal.ring(Ring::Data);
         }
     }
 

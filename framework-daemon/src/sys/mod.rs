@@ -9,6 +9,9 @@ pub mod carrier;
 /// The monotonic clock.
 pub mod clock;
 
+/// What makes an executor look at its members.
+pub mod bell;
+
 /// System calls that plugin code makes itself.
 pub mod fence;
 

@@ -315,22 +315,24 @@ pub fn install() {
         text::install();
         leaf::install();
         heap::install();
-        SIGNALS.into_iter().for_each(|signal| set_handler(signal, handle));
-        set_handler(watchdog_signal(), time_out);
+        SIGNALS.into_iter().for_each(|signal| set_handler(signal, handle, libc::SA_NODEFER));
+        // Real-time signals queue, and those that come while the thread waits for a processor would all be put on the
+        // signal stack at once.
+        set_handler(watchdog_signal(), time_out, 0);
     });
 }
 
 type Handler = extern "C" fn(i32, *mut libc::siginfo_t, *mut libc::c_void);
 
-fn set_handler(signal: i32, handler: Handler) {
+fn set_handler(signal: i32, handler: Handler, flags: i32) {
     // SAFETY: an all-zero `sigaction` is valid; the handler has the signature that SA_SIGINFO asks for.
     unsafe {
         let mut new: libc::sigaction = std::mem::zeroed();
         new.sa_sigaction = handler as usize;
-        // Nothing is held back meanwhile, so that a fiber is left without a system call that lets it through again. A trap
+        // No trap is held back meanwhile, so that a fiber is left without a system call that lets it through again. One
         // inside the handler is nobody's: it ends the process with its last words. SA_RESTART for a watchdog's signal
         // that comes too late to matter.
-        new.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART | libc::SA_NODEFER;
+        new.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART | flags;
         libc::sigaction(signal, &raw const new, std::ptr::null_mut());
     }
 }
@@ -430,6 +432,7 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
     let site = if site == Site::Daemon { Site::Elsewhere } else { site };
     let evidence = TrapEvidence { callers: armed.callers(context), ..evidence(signal, 0, 0, context) };
+    arch::let_through(context);
     armed.end(Trap { site, hang: true, seen_ns, ..Trap::new(evidence, at_ns) })
 }
 

@@ -30,6 +30,7 @@ const UNSAFE: &[&str] = &[
     "framework-daemon/src/port/block.rs",
     "framework-daemon/src/port/border.rs",
     "framework-daemon/src/port/check.rs",
+    "framework-daemon/src/port/pattern/requestor.rs",
     "framework-daemon/src/sys/arch/aarch64.rs",
     "framework-daemon/src/sys/arch/mod.rs",
     "framework-daemon/src/sys/arch/x86_64.rs",

@@ -1,6 +1,7 @@
 //! The one place where plugin code is entered: on a fiber, with the slot's name set for logs, and with an outcome that
 //! is either "done" or a [`Fault`](crate::model::fault::Fault).
 
+use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
 use super::unit::{Parts, Unit};
@@ -48,7 +49,7 @@ impl Call<'_> {
 /// The fault that ended it.
 pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
     let now_ns = if call.now_ns == 0 { clock::now_ns() } else { call.now_ns };
-    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault };
+    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault, serve: ServeArgs::NONE };
     let deadline_ns = args.now_ns.saturating_add(unit.limits.of(call.hook));
     let instance = &mut unit.instance;
     let mut status = CallStatus::Done;

@@ -4,6 +4,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, FaultArgs, Hook};
 use framework_daemon::exec::callback::{self, Call};
 use framework_daemon::exec::slot::{Slot, Status};
@@ -54,7 +55,13 @@ pub fn callback(samples: usize) -> (Samples, Samples) {
         samples,
         || _ = black_box(callback::enter(&mut fibers, "bench", &mut guarded, Call::plain(Hook::Execute))),
         || {
-            let args = CallArgs { hook: Hook::Execute, inject: 0, now_ns: clock::now_ns(), fault: FaultArgs::NONE };
+            let args = CallArgs {
+                hook: Hook::Execute,
+                inject: 0,
+                now_ns: clock::now_ns(),
+                fault: FaultArgs::NONE,
+                serve: ServeArgs::NONE,
+            };
             black_box(bare.instance.enter(black_box(&args)));
         },
     )

@@ -130,6 +130,7 @@ pub static HOST: HostApi = HostApi {
     give_back,
     read,
     safe_output: host::safe_output,
+    sleep: host::sleep,
     calls: border_calls::API,
 };
 

@@ -8,17 +8,7 @@ use crossbeam_queue::SegQueue;
 
 use crate::model::limits::WAITERS;
 
-/// Whoever asked may not wait.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NotHere;
-
-/// STUB.
-///
-/// # Errors
-/// Always.
-pub fn park(_until_ns: u64) -> Result<(), NotHere> {
-    Err(NotHere)
-}
+pub use crate::sys::fiber::{NotHere, park};
 
 /// By number: the number that it waits for; 0: none. Number 0 is nobody's.
 static WAITS: [AtomicU32; WAITERS] = [const { AtomicU32::new(0) }; WAITERS];

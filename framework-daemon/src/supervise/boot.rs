@@ -15,6 +15,7 @@ use crate::exec::checkpoint::Checkpoint;
 use crate::exec::executor::Executor;
 use crate::exec::member::{Member, Standby};
 use crate::exec::slot::{Slot, Status};
+use crate::exec::strand::Strand;
 use crate::exec::trigger::Doorbell;
 use crate::exec::unit::{Limits, Recipe, Source};
 use crate::exec::workshop::Workshop;
@@ -154,6 +155,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         standbys,
         unit: None,
         spare: None,
+        strand: Strand::default(),
         next_due_ns: 0,
         rank: 0,
         inject: std::collections::VecDeque::new(),

@@ -18,6 +18,9 @@ pub mod fence;
 /// A callback runs on a fiber: it may end by a trap without taking its thread along.
 pub mod fiber;
 
+/// The fibers of one executor.
+pub mod fiber_pool;
+
 /// Stacks of fibers.
 mod stack;
 

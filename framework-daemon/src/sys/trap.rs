@@ -15,6 +15,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Once};
 
+use corosensei::Yielder;
 use corosensei::trap::CoroutineTrapHandler;
 
 use super::fence::{self, Verdict};
@@ -120,6 +121,22 @@ pub(super) struct Armed {
     pulse: Arc<Pulse>,
     relay: Option<&'static Relay<Armed>>,
     trap: OnceCell<Trap>,
+    wait: Wait,
+}
+
+/// Whether the code on the fiber may wait, and until when it does.
+struct Wait {
+    allowed: Cell<bool>,
+    /// 0: it does not.
+    until_ns: Cell<u64>,
+    /// Where it suspends itself: on its stack, for as long as that lives.
+    yielder: Cell<*const Yielder<(), ()>>,
+}
+
+impl Wait {
+    const fn new() -> Self {
+        Self { allowed: Cell::new(false), until_ns: Cell::new(0), yielder: Cell::new(std::ptr::null()) }
+    }
 }
 
 impl Armed {
@@ -130,11 +147,13 @@ impl Armed {
         pulse: Arc<Pulse>,
         relay: Option<&'static Relay<Self>>,
     ) -> Self {
-        Self { handler, stack, pulse, relay, trap: OnceCell::new() }
+        Self { handler, stack, pulse, relay, trap: OnceCell::new(), wait: Wait::new() }
     }
 
-    /// Says that the fiber runs on this thread from now on and must return until then. Fibers do not nest.
-    pub(super) fn arm(&self, deadline_ns: u64) {
+    /// Says that the fiber runs on this thread from now on and must return until then, or wait, where it may. Fibers do not
+    /// nest.
+    pub(super) fn arm(&self, deadline_ns: u64, may_wait: bool) {
+        self.wait.allowed.set(may_wait);
         handlers::forget();
         ARMED.set(self);
         self.pulse.begin(deadline_ns);
@@ -143,6 +162,16 @@ impl Armed {
     /// Says that the fiber returned. Thread-locals are not touched: the thread may be another one than before.
     pub(super) fn disarm(&self) {
         self.pulse.end();
+    }
+
+    /// The fiber runs for the first time: this is where it suspends itself.
+    pub(super) fn settle_in(&self, yielder: &Yielder<(), ()>) {
+        self.wait.yielder.set(yielder);
+    }
+
+    /// Until when the code on the fiber waits; `None`: it does not.
+    pub(super) fn take_wait(&self) -> Option<u64> {
+        Some(self.wait.until_ns.take()).filter(|until_ns| *until_ns != 0)
     }
 
     /// The trap that ended it.
@@ -267,6 +296,23 @@ pub fn on_fiber() -> bool {
 /// True on a thread that a callback made by `clone`: it shares the thread-locals of the thread that runs the callback.
 pub(super) fn is_stray() -> bool {
     armed().is_some_and(|armed| armed.pulse.is_beating() && armed.is_stray())
+}
+
+/// The code on this thread's fiber is about to wait: where it suspends itself; `None`: it may not, or there is no fiber.
+#[inline(never)]
+pub(super) fn begin_wait(until_ns: u64) -> Option<&'static Yielder<(), ()>> {
+    let here = (&raw const until_ns).addr();
+    let waits = |armed: &&Armed| {
+        armed.wait.allowed.get()
+            && armed.pulse.is_beating()
+            && armed.handler.stack_ptr_in_bounds(here)
+            && !armed.is_stray()
+            && !handlers::is_here()
+    };
+    let armed = armed().filter(waits)?;
+    armed.wait.until_ns.set(until_ns.max(1));
+    // SAFETY: on the stack of the fiber that runs here, which lives as long as the code that asks.
+    unsafe { armed.wait.yielder.get().as_ref() }
 }
 
 fn armed() -> Option<&'static Armed> {

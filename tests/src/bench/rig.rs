@@ -17,7 +17,7 @@ use framework_daemon::supervise::boot;
 use framework_daemon::supervise::catalogue::Catalogue;
 use framework_daemon::sys::bell::Bell;
 use framework_daemon::sys::carrier;
-use framework_daemon::sys::fiber::FiberPool;
+use framework_daemon::sys::fiber_pool::FiberPool;
 use framework_daemon::sys::trap;
 use serde_json::{Value, json};
 

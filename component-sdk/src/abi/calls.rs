@@ -78,6 +78,9 @@ pub struct ServeArgs {
     pub value: *const u8,
 }
 
+// SAFETY: the request is `Send + Sync` (supertraits of `CommObject`), and only the handler's callback looks at it.
+unsafe impl Send for ServeArgs {}
+
 impl ServeArgs {
     /// Nothing to serve.
     pub const NONE: Self =

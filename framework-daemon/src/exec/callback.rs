@@ -79,7 +79,7 @@ pub fn begin(
     call: Call<'static>,
 ) -> Result<Pause, Fault> {
     let now_ns = if call.now_ns == 0 { clock::now_ns() } else { call.now_ns };
-    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault };
+    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault, serve: ServeArgs::NONE };
     let frame = strand.frame(unit.instance.entry(), args);
     take_seat(Owner { slot, instance: unit.number });
     match fibers.begin(unit.limits.stack_bytes, now_ns.saturating_add(unit.limits.of(call.hook)), frame) {

@@ -114,7 +114,7 @@ mod tests {
     const CLOSED: u32 = Status::Closed.code();
 
     fn ends() -> (Arc<Requestor>, Arc<Provider>) {
-        let room = Room { pending: 2, timeout_ns: 1_000 };
+        let room = Room { pending: 2, timeout_ns: 1_000, retry: false };
         let requestor = Requestor::new("scan", u64::DESCRIPTOR, f64::DESCRIPTOR, room, Waiter::new());
         let provider = Provider::new("scans", u64::DESCRIPTOR, f64::DESCRIPTOR, 4, Waiter::new());
         provider.set_open(Openness::Serving);
@@ -143,7 +143,7 @@ mod tests {
     #[allow(unsafe_code, reason = "the test plays both plugins")]
     fn a_request_goes_there_and_its_answer_back_in_the_clients_own_blocks() {
         let (requestor, provider) = ends();
-        requestor.connect(&provider, false).unwrap();
+        requestor.connect(&provider, None).unwrap();
         let owner = 0x5eed_0001;
         let asking = binding(PortEnd::Requestor(Arc::clone(&requestor)), owner);
         let answering = binding(PortEnd::Provider(Arc::clone(&provider)), owner);

@@ -75,7 +75,14 @@ fn idle_unit(fibers: &mut FiberPool) -> Box<Unit> {
     let limits = Limits { stack_bytes: STACK, budget_ns: None, hang_ns: 1_000_000_000 };
     let source = Source::Loaded(class);
     let recipe = Recipe { number: 0, class_name: "Diary", source, properties: Vec::new(), limits };
-    let slot = Slot { name: "bench", inputs: Vec::new(), outputs: Vec::new(), status: Status::new(vec!["Diary"]) };
+    let slot = Slot {
+        name: "bench",
+        inputs: Vec::new(),
+        outputs: Vec::new(),
+        requestors: Vec::new(),
+        providers: Vec::new(),
+        status: Status::new(vec!["Diary"]),
+    };
     let parts = recipe.gather(&slot).expect("it has no ports");
     callback::create(fibers, "bench", parts).expect("it has no constructor of its own")
 }

@@ -17,7 +17,7 @@ use crate::sys::clock;
 const PENDING: usize = 3;
 
 fn requestor(waiter: &Arc<Waiter>) -> Requestor {
-    let room = Room { pending: PENDING, timeout_ns: 1_000_000_000 };
+    let room = Room { pending: PENDING, timeout_ns: 1_000_000_000, retry: false };
     Requestor::new("scan", u64::DESCRIPTOR, u64::DESCRIPTOR, room, Arc::clone(waiter))
 }
 
@@ -29,7 +29,7 @@ fn provider(room: usize) -> Arc<Provider> {
 fn pair() -> (Requestor, Arc<Provider>) {
     let (client, server) = (requestor(&Waiter::new()), provider(4));
     server.set_open(Openness::Serving);
-    client.connect(&server, false).unwrap();
+    client.connect(&server, None).unwrap();
     (client, server)
 }
 
@@ -164,7 +164,7 @@ fn old_numbers_never_revive() {
     let id = request(&client, 1).unwrap();
     let held = server.next().unwrap().id;
     client.disconnect();
-    client.connect(&server, false).unwrap();
+    client.connect(&server, None).unwrap();
     assert_eq!(answer(&server, held), Err(Status::Disconnected));
     assert_eq!(answer(&server, held), Err(Status::WrongId), "the entry is gone");
     assert_eq!(receive(&client, id, Wait::NONE, never), Err(Status::Disconnected));
@@ -188,9 +188,9 @@ fn a_ring_of_waiting_slots_is_found() {
     };
     let (first, second) = (server(&one), server(&two));
     let (asks_second, asks_first, asks_itself) = (requestor(&one), requestor(&two), requestor(&one));
-    asks_second.connect(&second, false).unwrap();
-    asks_first.connect(&first, false).unwrap();
-    asks_itself.connect(&first, false).unwrap();
+    asks_second.connect(&second, None).unwrap();
+    asks_first.connect(&first, None).unwrap();
+    asks_itself.connect(&first, None).unwrap();
     let own = request(&asks_itself, 0).unwrap();
     assert_eq!(receive(&asks_itself, own, Wait::DEFAULT, never), Err(Status::Cycle));
     let id = request(&asks_second, 1).unwrap();
@@ -209,7 +209,7 @@ fn a_ring_of_waiting_slots_is_found() {
 fn a_failed_provider_is_asked_again_where_the_connection_says_so() {
     let (client, server) = (requestor(&Waiter::new()), provider(4));
     server.set_open(Openness::Serving);
-    client.connect(&server, true).unwrap();
+    client.connect(&server, Some(true)).unwrap();
     let id = request(&client, 5).unwrap();
     let before = server.next().unwrap();
     // SAFETY: as in `answer`; the answer is left half-written.
@@ -230,7 +230,7 @@ fn a_failed_provider_is_asked_again_where_the_connection_says_so() {
 fn a_full_inbox_refuses_and_full_hands_take_no_more() {
     let (clients, server) = ([requestor(&Waiter::new()), requestor(&Waiter::new())], provider(2));
     server.set_open(Openness::Serving);
-    clients.iter().for_each(|client| client.connect(&server, false).unwrap());
+    clients.iter().for_each(|client| client.connect(&server, None).unwrap());
     request(&clients[0], 1).unwrap();
     request(&clients[0], 2).unwrap();
     assert_eq!(request(&clients[1], 3), Err(Status::Overload));
@@ -246,7 +246,7 @@ fn a_full_inbox_refuses_and_full_hands_take_no_more() {
 fn objects_that_differ_are_refused_with_both_sides_and_leave_the_port_disconnected() {
     let (client, _server) = pair();
     let other = Arc::new(Provider::new("other", u64::DESCRIPTOR, f64::DESCRIPTOR, 4, Waiter::new()));
-    let refusal = client.connect(&other, false).unwrap_err();
+    let refusal = client.connect(&other, None).unwrap_err();
     assert!(refusal.contains("answer") && refusal.contains("client") && refusal.contains("server"), "{refusal}");
     assert_eq!(request(&client, 1), Err(Status::Disconnected));
 }
@@ -342,7 +342,7 @@ impl World {
                 if self.links[client].is_none_or(|(before, _)| before != server) {
                     self.leave(client);
                 }
-                self.clients[client].connect(&self.servers[server], retry).unwrap();
+                self.clients[client].connect(&self.servers[server], Some(retry)).unwrap();
                 self.links[client] = Some((server, retry));
             }
             Step::Disconnect(client) => {

@@ -36,7 +36,7 @@ pub struct Requestor {
     retry: AtomicBool,
     gate: Gate,
     waiter: Arc<Waiter>,
-    timeout_ns: u64,
+    room: Room,
     /// Where the next free call is looked for.
     cursor: AtomicUsize,
     asked: AtomicU64,
@@ -50,6 +50,8 @@ pub struct Room {
     pub pending: usize,
     /// Time that a wait takes at most, in nanoseconds, where the author says nothing.
     pub timeout_ns: u64,
+    /// A provider's successor is asked again, where the connection says nothing.
+    pub retry: bool,
 }
 
 impl Requestor {
@@ -72,7 +74,7 @@ impl Requestor {
             retry: AtomicBool::new(false),
             gate: Gate::default(),
             waiter,
-            timeout_ns: room.timeout_ns,
+            room,
             cursor: AtomicUsize::new(0),
             asked: AtomicU64::new(0),
             failed: AtomicU32::new(0),
@@ -101,11 +103,12 @@ impl Requestor {
         std::ptr::eq(self.link.load(Ordering::Acquire), Arc::as_ptr(provider))
     }
 
-    /// Leads to that provider from now on. Open calls of another one are over; of the same one they go on.
+    /// Leads to that provider from now on, and asks its successor again if `retry` says so, or the port where it does not. Open calls of another one are over; of the same one they go on.
     ///
     /// # Errors
     /// `IncompatibleService`, with both sides in words; it is disconnected then, whatever it was before.
-    pub fn connect(&self, provider: &Arc<Provider>, retry: bool) -> Result<(), String> {
+    pub fn connect(&self, provider: &Arc<Provider>, retry: Option<bool>) -> Result<(), String> {
+        let retry = retry.unwrap_or(self.room.retry);
         if self.leads_to(provider) {
             self.retry.store(retry, Ordering::Relaxed);
             return Ok(());
@@ -301,7 +304,7 @@ impl Requestor {
 
     fn until_ns(&self, wait: Wait) -> u64 {
         let longest = nanoseconds(DURATION_MAX);
-        let time_ns = if wait == Wait::DEFAULT { self.timeout_ns } else { wait.0 };
+        let time_ns = if wait == Wait::DEFAULT { self.room.timeout_ns } else { wait.0 };
         clock::now_ns().saturating_add(time_ns.min(longest))
     }
 

@@ -9,14 +9,25 @@ pub mod block;
 /// Where plugins' port calls arrive: handles become safe calls.
 pub mod border;
 
+mod border_calls;
+
 /// Range checks on the values of a port or connection.
 pub mod check;
 
 /// Output ports and their connections.
 pub mod output;
 
+/// Whether a port may wait.
+pub mod gate;
+
 /// Input ports: newest or FIFO.
 pub mod input;
 
+/// Patterns in which something comes back.
+pub mod pattern;
+
 /// The table behind port handles.
 pub mod table;
+
+/// Who waits for whom.
+pub mod wait;

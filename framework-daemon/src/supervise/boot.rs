@@ -127,7 +127,7 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
 /// A slot as its executor gets it, not installed yet.
 #[must_use]
 pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Member {
-    let Blueprint { plan, class, standbys, inputs, outputs } = blueprint;
+    let Blueprint { plan, class, standbys, inputs, outputs, requestors, providers } = blueprint;
     let standby = |preload| Standby { preload, unit: None };
     let (secondaries, standbys): (Vec<_>, Vec<_>) =
         standbys.into_iter().map(|(recipe, preload)| (recipe, standby(preload))).unzip();
@@ -136,6 +136,8 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         name: names::intern(&plan.name),
         inputs: inputs.into_iter().map(Arc::new).collect(),
         outputs: outputs.into_iter().map(Arc::new).collect(),
+        requestors: requestors.into_iter().map(Arc::new).collect(),
+        providers: providers.into_iter().map(Arc::new).collect(),
         status: Status::new(recipes.iter().map(|recipe| recipe.class_name).collect()),
     });
     let execution = &plan.component.execution;
@@ -143,6 +145,8 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
     if execution.trigger == Trigger::Nonperiodic {
         slot.inputs.iter().for_each(|port| port.listen(Box::new(Doorbell(Arc::clone(&signal)))));
     }
+    slot.requestors.iter().for_each(|port| port.listen(Arc::clone(&signal)));
+    slot.providers.iter().for_each(|port| port.listen(Arc::clone(&signal)));
     let shelf = workshop.shelf(&slot, recipes, plan.rules.ready_spares(), plan.rules.severity.clone());
     let intensity = plan.rules.reset.map(|intensity| (intensity.limit, intensity.within));
     Member {
@@ -256,6 +260,7 @@ mod tests {
             source: end(from),
             target: end(to),
             validity: Vec::new(),
+            on_gone: None,
             location: Location::default(),
         }
     }

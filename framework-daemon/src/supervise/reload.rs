@@ -110,6 +110,7 @@ fn commit(system: &mut System, slots: Vec<Placed>, wiring: Wiring, changes: &Cha
         changes.removed.iter().chain(&changes.changed).any(|gone| gone == name)
     };
     let leaving: Vec<Placed> = system.slots.iter().rev().filter(leaves).cloned().collect();
+    wiring::replace_providers(&leaving);
     for old in &leaving {
         warn_if_stuck(old, old.executor.stop_member(old.member, STEP).is_err());
     }

@@ -10,31 +10,80 @@ use super::blueprint::Blueprint;
 use super::system::{Placed, by_name};
 use crate::port::check::Checks;
 use crate::port::output::Link;
-use crate::profile::plan::{ConnectionPlan, Location, PortKind};
+use crate::port::pattern::provider::Provider;
+use crate::port::pattern::requestor::{self, Requestor};
+use crate::profile::plan::{ConnectionPlan, Location, OnGone, PortKind};
 
-/// New links by slot and output port.
-pub type Wiring = HashMap<(&'static str, String), Vec<Link>>;
+/// New connections.
+#[derive(Default)]
+pub struct Wiring {
+    /// Links by slot and output port; every output port has an entry.
+    links: HashMap<(&'static str, String), Vec<Link>>,
+    calls: Vec<CallLink>,
+}
 
-/// Builds the links of all data connections; every output port of `slots` has an entry.
+/// A client, its server, and whether the server's successor is asked again.
+struct CallLink {
+    from: Arc<Requestor>,
+    to: Arc<Provider>,
+    retry: Option<bool>,
+}
+
+/// Builds all connections of data and service ports.
 ///
 /// # Errors
 /// All that is wrong, one text each.
 pub fn build(connections: &[ConnectionPlan], slots: &[Placed]) -> Result<Wiring, Vec<String>> {
-    let mut wiring = Wiring::new();
+    let mut wiring = Wiring::default();
     for placed in slots {
         for port in &placed.slot.outputs {
-            wiring.insert((placed.slot.name, port.name.clone()), Vec::new());
+            wiring.links.insert((placed.slot.name, port.name.clone()), Vec::new());
         }
     }
     let names = by_name(slots);
     let mut errors = Vec::new();
-    for connection in connections.iter().filter(|connection| connection.kind == PortKind::Data) {
-        match link(connection, &names) {
-            Ok((key, link)) => wiring.entry(key).or_default().push(link),
-            Err(reason) => errors.push(at(&connection.location, &reason)),
+    for connection in connections {
+        let added = match connection.kind {
+            PortKind::Data => {
+                link(connection, &names).map(|(key, link)| wiring.links.entry(key).or_default().push(link))
+            }
+            PortKind::Service => call_link(connection, &names).map(|link| wiring.calls.push(link)),
+            PortKind::Event => Ok(()),
+        };
+        if let Err(reason) = added {
+            errors.push(at(&connection.location, &reason));
         }
     }
     if errors.is_empty() { Ok(wiring) } else { Err(errors) }
+}
+
+fn call_link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<CallLink, String> {
+    let (from, to) = (&connection.source, &connection.target);
+    let client = slots.get(from.slot.as_str()).and_then(|placed| placed.slot.requestor(&from.port));
+    let server = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.provider(&to.port));
+    let (client, server) = client.zip(server).ok_or_else(|| no_such_port(connection))?;
+    compare_calls(connection, (client.request, client.answer), (server.request, server.answer))?;
+    let retry = connection.on_gone.map(|on_gone| on_gone == OnGone::Retry);
+    Ok(CallLink { from: Arc::clone(client), to: Arc::clone(server), retry })
+}
+
+fn no_such_port(connection: &ConnectionPlan) -> String {
+    let (from, to) = (&connection.source, &connection.target);
+    format!("{}.{} -> {}.{}: no such port", from.slot, from.port, to.slot, to.port)
+}
+
+/// Request and answer of a port.
+type Objects = (&'static TypeDescriptor, &'static TypeDescriptor);
+
+/// Holds the objects of a client against those of its server.
+fn compare_calls(connection: &ConnectionPlan, asked: Objects, served: Objects) -> Result<(), String> {
+    let (from, to) = (&connection.source, &connection.target);
+    requestor::difference(asked, served).map_or(Ok(()), |difference| {
+        Err(format!(
+            "{}.{} asks {} for {}, {}.{} answers {} with {}: {difference}; build both plugins against the same definition",
+            from.slot, from.port, asked.0.name, asked.1.name, to.slot, to.port, served.0.name, served.1.name
+        ))
+    })
 }
 
 fn link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<((&'static str, String), Link), String> {
@@ -42,9 +91,7 @@ fn link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<(
     let source =
         slots.get(from.slot.as_str()).and_then(|placed| placed.slot.output(&from.port).map(|port| (placed, port)));
     let target = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.input(&to.port));
-    let ((placed, source), target) = source
-        .zip(target)
-        .ok_or_else(|| format!("{}.{} -> {}.{}: no such port", from.slot, from.port, to.slot, to.port))?;
+    let ((placed, source), target) = source.zip(target).ok_or_else(|| no_such_port(connection))?;
     let checks = compare(connection, source.object, target.object)?;
     Ok(((placed.slot.name, from.port.clone()), Link { target: Arc::clone(target), checks: Arc::new(checks) }))
 }
@@ -66,24 +113,35 @@ fn compare(
     Checks::compile(&connection.validity, written).map_err(|error| describe(&error))
 }
 
-/// What is wrong with the data connections of slots that do not exist yet.
+/// What is wrong with the connections of slots that do not exist yet.
 #[must_use]
 pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Vec<String> {
     let find = |slot: &str| blueprints.iter().find(|blueprint| blueprint.name() == slot);
     let wrong = |connection: &ConnectionPlan| {
         let (from, to) = (&connection.source, &connection.target);
-        let written = find(&from.slot)?.output_object(&from.port)?;
-        let expected = find(&to.slot)?.input_object(&to.port)?;
-        compare(connection, written, expected).err().map(|reason| at(&connection.location, &reason))
+        let (source, target) = (find(&from.slot)?, find(&to.slot)?);
+        let result = match connection.kind {
+            PortKind::Data => {
+                let (written, expected) = (source.output_object(&from.port)?, target.input_object(&to.port)?);
+                compare(connection, written, expected).map(|_| ())
+            }
+            PortKind::Service => {
+                let client = source.requestors.iter().find(|port| port.name == from.port)?;
+                let server = target.providers.iter().find(|port| port.name == to.port)?;
+                compare_calls(connection, (client.request, client.answer), (server.request, server.answer))
+            }
+            PortKind::Event => Ok(()),
+        };
+        result.err().map(|reason| at(&connection.location, &reason))
     };
-    connections.iter().filter(|connection| connection.kind == PortKind::Data).filter_map(wrong).collect()
+    connections.iter().filter_map(wrong).collect()
 }
 
 /// Puts the links in place. A connection that was there before keeps its checks, with what they remember.
 pub fn apply(mut wiring: Wiring, slots: &[Placed]) {
     for placed in slots {
         for port in &placed.slot.outputs {
-            let mut links = wiring.remove(&(placed.slot.name, port.name.clone())).unwrap_or_default();
+            let mut links = wiring.links.remove(&(placed.slot.name, port.name.clone())).unwrap_or_default();
             let before = port.links();
             for link in &mut links {
                 let same = |old: &&Link| Arc::ptr_eq(&old.target, &link.target) && old.checks.same_rules(&link.checks);
@@ -94,11 +152,32 @@ pub fn apply(mut wiring: Wiring, slots: &[Placed]) {
             port.connect(links);
         }
     }
+    apply_calls(&wiring.calls, slots);
+}
+
+/// One that was there before goes on, with the calls that are open over it.
+fn apply_calls(calls: &[CallLink], slots: &[Placed]) {
+    for client in slots.iter().flat_map(|placed| &placed.slot.requestors) {
+        match calls.iter().find(|link| Arc::ptr_eq(&link.from, client)) {
+            Some(link) => {
+                if let Err(reason) = client.connect(&link.to, link.retry) {
+                    tracing::error!("port {}: {reason}", client.name);
+                }
+            }
+            None => client.disconnect(),
+        }
+    }
 }
 
 /// Takes all connections off slots that leave: their blocks may have to stay, others' ports not.
 pub fn disconnect(slots: &[Placed]) {
     slots.iter().flat_map(|placed| &placed.slot.outputs).for_each(|port| port.connect(Vec::new()));
+    slots.iter().flat_map(|placed| &placed.slot.requestors).for_each(|port| port.disconnect());
+}
+
+/// Nobody is to wait any more for what slots that leave would answer.
+pub fn replace_providers(slots: &[Placed]) {
+    slots.iter().flat_map(|placed| &placed.slot.providers).for_each(|port| port.replace());
 }
 
 /// What is wrong with a `field` of a `validity`.

@@ -2,6 +2,7 @@
 //!
 //! A plugin has its own copy of every static, so a plugin's own `tracing` goes nowhere: log through the context.
 
+use std::cell::Cell;
 use std::fmt::{self, Write};
 use std::marker::PhantomData;
 use std::os::fd::AsRawFd;
@@ -57,20 +58,24 @@ impl Instant {
 
 /// Passed to every callback.
 pub struct Context<'a> {
-    now: Instant,
+    /// 0: not asked yet. Most callbacks never do, and to look takes as long as the way into one.
+    now: Cell<u64>,
     host: &'a HostApi,
     not_send: PhantomData<*const ()>,
 }
 
 impl<'a> Context<'a> {
     pub(crate) fn new(now_ns: u64, host: &'a HostApi) -> Self {
-        Self { now: Instant(now_ns), host, not_send: PhantomData }
+        Self { now: Cell::new(now_ns), host, not_send: PhantomData }
     }
 
-    /// When this callback was entered.
+    /// When this callback was entered, as far as the daemon told; when it was asked first, else.
     #[must_use]
-    pub const fn now(&self) -> Instant {
-        self.now
+    pub fn now(&self) -> Instant {
+        if self.now.get() == 0 {
+            self.now.set((self.host.clock)());
+        }
+        Instant(self.now.get())
     }
 
     /// The clock itself, where a callback measures something.

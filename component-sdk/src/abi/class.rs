@@ -196,7 +196,7 @@ pub struct CallArgs<'a> {
     pub hook: Hook,
     /// Fault to provoke first; 0: none (see [`super::inject`]).
     pub inject: u8,
-    /// Monotonic time of entry in nanoseconds.
+    /// Monotonic time of entry in nanoseconds; 0: not looked at.
     pub now_ns: u64,
     /// The fault that led here, for `Error` and `Recover`.
     pub fault: FaultArgs<'a>,

@@ -4,7 +4,7 @@
 use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
-use super::strand::{Pause, Strand};
+use super::strand::{self, Pause, Strand};
 use super::unit::{Parts, Unit};
 use crate::detect::{crash, taint};
 use crate::model::fault::{Evidence, Fault, Memory, ShortText};
@@ -29,13 +29,15 @@ pub struct Call<'a> {
     pub fault: FaultArgs<'a>,
     /// The time, where it was looked up just now; 0: not known. To ask takes as long as the way into a callback.
     pub now_ns: u64,
+    /// What is to be served.
+    pub serve: ServeArgs,
 }
 
 impl Call<'_> {
     /// A plain call.
     #[must_use]
     pub const fn plain(hook: Hook) -> Self {
-        Self { hook, inject: 0, fault: FaultArgs::NONE, now_ns: 0 }
+        Self { hook, inject: 0, fault: FaultArgs::NONE, now_ns: 0, serve: ServeArgs::NONE }
     }
 
     /// A plain call at that time, which is now.
@@ -79,10 +81,12 @@ pub fn begin(
     call: Call<'static>,
 ) -> Result<Pause, Fault> {
     let now_ns = if call.now_ns == 0 { clock::now_ns() } else { call.now_ns };
-    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault, serve: ServeArgs::NONE };
-    let frame = strand.frame(unit.instance.entry(), args);
+    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault, serve: call.serve };
+    let deadline_ns = now_ns.saturating_add(unit.limits.of(call.hook));
+    let may_wait = strand::may_wait(call.hook);
+    let frame = strand.frame(unit.instance.entry(), args, unit.limits);
     take_seat(Owner { slot, instance: unit.number });
-    match fibers.begin(unit.limits.stack_bytes, now_ns.saturating_add(unit.limits.of(call.hook)), frame) {
+    match fibers.begin(unit.limits.stack_bytes, deadline_ns, may_wait, frame) {
         Ok(progress) => settle(fibers, unit, strand, progress),
         Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
     }

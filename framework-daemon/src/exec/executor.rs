@@ -11,6 +11,7 @@ use std::time::Duration;
 use crossbeam_channel::{Receiver, SendError, Sender};
 
 use super::member::{Crew, Member};
+use super::strand::Job;
 use crate::model::fault::FaultSender;
 use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
@@ -343,8 +344,19 @@ impl Run {
             if rings.has(Ring::Wait) {
                 self.go_on(number);
             }
-        } else if rings.has(Ring::Data) && member.trigger == Trigger::Nonperiodic {
-            self.execute(number);
+            return;
+        }
+        if rings.has(Ring::Serve) && member.state() == State::Active {
+            member.serve(&mut self.crew);
+            self.executed(number);
+        }
+        let Some(Some(member)) = self.members.get_mut(number) else { return };
+        if rings.has(Ring::Data) && member.trigger == Trigger::Nonperiodic {
+            if member.strand.waits() {
+                member.strand.hold(Ring::Data);
+            } else {
+                self.execute(number);
+            }
         }
     }
 
@@ -371,7 +383,7 @@ impl Run {
             return;
         }
         member.signal.ring_again(std::mem::take(&mut member.strand.held));
-        if !self.ran.contains(&number) {
+        if member.strand.job != Job::Serve && !self.ran.contains(&number) {
             self.ran.push(number);
         }
     }

@@ -11,6 +11,7 @@ use component_sdk::abi::class::{FaultArgs, Hook};
 use super::callback::{self, Call};
 use super::checkpoint::Checkpoint;
 use super::member::{Crew, Member};
+use super::service;
 use super::slot::Status;
 use super::strand::{Job, Pause};
 use super::unit::Unit;
@@ -19,6 +20,7 @@ use crate::model::ladder::Answer;
 use crate::model::lifecycle::{Event, State};
 use crate::model::limits::{BREATH_MAX, BREATH_MIN, BREATHLESS_FAILURES, RECOVERY_STEPS_MAX};
 use crate::model::time::nanoseconds;
+use crate::port::pattern::provider::Openness;
 use crate::profile::plan::Trigger;
 use crate::sys::clock;
 
@@ -249,6 +251,7 @@ impl Member {
     fn succeed(&mut self, unit: Box<Unit>, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
         self.slot.status.set_class(unit.recipe);
         self.unit.iter().for_each(|unit| unit.close());
+        service::change_hands(&self.slot);
         unit.open();
         let old = self.unit.replace(unit);
         let step = match self.restore(crew) {
@@ -288,7 +291,12 @@ impl Member {
 
     fn take_over(&mut self, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
         let now_ns = std::mem::take(&mut climb.record.decided_at_ns);
-        let call = Call { fault: told(self.slot.name, climb.cause(fault)), ..Call::at(Hook::Recover, now_ns) };
+        let cause = climb.cause(fault);
+        if let Some(args) = told_for_good(self.slot.name, cause) {
+            let call = Call { fault: args, ..Call::at(Hook::Recover, now_ns) };
+            return self.take_over_at_once(call, fault, climb, crew);
+        }
+        let call = Call { fault: told(self.slot.name, cause), ..Call::at(Hook::Recover, now_ns) };
         if let Err(second) = self.enter(call, crew) {
             return climb.fail(second);
         }
@@ -301,6 +309,34 @@ impl Member {
         }
         self.keep_side_report();
         self.put_to_work(fault, climb, crew)
+    }
+
+    /// The same in one go: what the successor is told need not be kept for it.
+    fn take_over_at_once(&mut self, call: Call<'static>, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
+        self.step(Event::Recover);
+        self.step(Event::Start);
+        let executes = self.trigger != Trigger::Passive;
+        let result = self.undertake(Job::Succeed { executes }, call, crew);
+        self.keep_side_report();
+        let (hook, at_ns) = self.strand.last().unwrap_or_else(|| (Hook::Execute, clock::now_ns()));
+        let times = &mut climb.record.times;
+        match result {
+            Ok(pause) if executes => {
+                times.ready_ns = Some(at_ns.saturating_sub(fault.at_ns));
+                if pause == Pause::Done {
+                    times.first_callback_ns = Some(since(fault));
+                    Status::count(&self.slot.status.cycles);
+                }
+            }
+            Ok(_) => times.ready_ns = Some(since(fault)),
+            Err(second) => {
+                self.step(Event::Fault);
+                self.unit.iter_mut().for_each(|unit| unit.started = hook == Hook::Execute);
+                return climb.fail(second);
+            }
+        }
+        self.unit.iter_mut().for_each(|unit| unit.started = true);
+        Step::Works
     }
 
     /// The callback that the fault cut short, again.
@@ -339,6 +375,8 @@ impl Member {
             unit.close();
             self.clear(unit, crew);
         }
+        service::set_open(&self.slot, Openness::Gone);
+        service::change_hands(&self.slot);
         self.shelf.retire();
         if let Some(spare) = self.put_spare_down() {
             self.clear(spare, crew);
@@ -412,6 +450,12 @@ pub(super) fn send(faults: &FaultSender, event: FaultEvent) {
 
 fn since(fault: &Fault) -> u64 {
     clock::now_ns().saturating_sub(fault.at_ns)
+}
+
+/// As [`told`], where the text outlives the fault.
+fn told_for_good(slot: &'static str, fault: &Fault) -> Option<FaultArgs<'static>> {
+    let message = RStr::from_str(fault.evidence.lasting_text()?);
+    Some(FaultArgs { symptom: RStr::from_str(fault.symptom.name()), slot: RStr::from_str(slot), message })
 }
 
 fn told<'a>(slot: &'a str, fault: &'a Fault) -> FaultArgs<'a> {

@@ -8,12 +8,15 @@
 
 use std::any::Any;
 
-use component_sdk::abi::class::{CallArgs, CallStatus};
+use component_sdk::abi::calls::ServeArgs;
+use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
+use super::unit::Limits;
 use crate::plugin::instance::Entry;
-use crate::sys::bell::Rings;
+use crate::sys::bell::{Ring, Rings};
 use crate::sys::fiber::Errand;
 use crate::sys::fiber_pool::Ticket;
+use crate::sys::{clock, trap};
 
 /// Which callback it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,9 +26,23 @@ pub enum Job {
         /// So many.
         queued: usize,
     },
+    /// `recover`, `start` and, where the slot executes, the first `on_execute` of a successor, one after the other: to go
+    /// through its executor in between takes longer than they do.
+    Succeed {
+        /// The slot executes.
+        executes: bool,
+    },
+    /// The handler of a request.
+    Serve,
     /// None yet.
     #[default]
     None,
+}
+
+/// True of callbacks in which a component may wait.
+#[must_use]
+pub const fn may_wait(hook: Hook) -> bool {
+    matches!(hook, Hook::Execute | Hook::Serve)
 }
 
 /// How far a callback got.
@@ -69,6 +86,11 @@ impl Strand {
         self.waiting.as_ref().map(|(_, until_ns)| *until_ns)
     }
 
+    /// Something is to be looked at when it is done.
+    pub fn hold(&mut self, why: Ring) {
+        self.held = self.held.and(why.into());
+    }
+
     pub(super) fn wait(&mut self, ticket: Ticket, until_ns: u64) {
         self.waiting = Some((ticket, until_ns));
     }
@@ -78,8 +100,8 @@ impl Strand {
     }
 
     /// What the fiber is given to enter the callback.
-    pub(super) fn frame(&mut self, entry: Entry, args: CallArgs<'static>) -> Box<Frame> {
-        let fresh = Frame { entry, args, status: CallStatus::Done };
+    pub(super) fn frame(&mut self, entry: Entry, args: CallArgs<'static>, limits: Limits) -> Box<Frame> {
+        let fresh = Frame { entry, args, limits, job: self.job, status: CallStatus::Done };
         match self.frame.take() {
             Some(mut frame) => {
                 *frame = fresh;
@@ -87,6 +109,12 @@ impl Strand {
             }
             None => Box::new(fresh),
         }
+    }
+
+    /// The callback that was entered last, and when; `None`: it waits.
+    #[must_use]
+    pub fn last(&self) -> Option<(Hook, u64)> {
+        self.frame.as_ref().map(|frame| (frame.args.hook, frame.args.now_ns))
     }
 
     /// What came back from the fiber: how the callback ended.
@@ -100,12 +128,37 @@ impl Strand {
 pub struct Frame {
     entry: Entry,
     args: CallArgs<'static>,
+    limits: Limits,
+    job: Job,
     status: CallStatus,
+}
+
+impl Frame {
+    /// Turns to the next callback of a succession; false: there is none.
+    fn turn_to_next(&mut self) -> bool {
+        let Job::Succeed { executes } = self.job else { return false };
+        let hook = match self.args.hook {
+            Hook::Recover => Hook::Start,
+            Hook::Start if executes => Hook::Execute,
+            _ => return false,
+        };
+        // `start` has seconds: whether `recover` took microseconds or all that it may is nothing to it.
+        let (now_ns, begins_ns) = match hook {
+            Hook::Start => (0, self.args.now_ns.saturating_add(self.limits.of(self.args.hook))),
+            _ => [clock::now_ns(); 2].into(),
+        };
+        self.args = CallArgs { hook, inject: 0, now_ns, fault: FaultArgs::NONE, serve: ServeArgs::NONE };
+        trap::rearm(begins_ns.saturating_add(self.limits.of(hook)), may_wait(hook));
+        true
+    }
 }
 
 impl Errand for Frame {
     fn run(&mut self) {
         self.status = self.entry.enter(&self.args);
+        while self.status == CallStatus::Done && self.turn_to_next() {
+            self.status = self.entry.enter(&self.args);
+        }
     }
 
     fn into_any(self: Box<Self>) -> Box<dyn Any> {

@@ -119,6 +119,16 @@ pub struct TrapEvidence {
 }
 
 impl Evidence {
+    /// [`Self::text`] where it outlives the fault.
+    #[must_use]
+    pub const fn lasting_text(&self) -> Option<&'static str> {
+        match self {
+            Self::Trap(trap) => Some(trap.signal_name()),
+            Self::Time { .. } => Some("it returned late"),
+            _ => None,
+        }
+    }
+
     /// The text handed to `on_error` and `recover`: no copy, because a recovery waits for it.
     #[must_use]
     pub fn text(&self) -> &str {

@@ -159,30 +159,30 @@ impl Fiber {
         // touches it later: it may not wait, so it asks for the next job, or it is spent.
         let mut borrow = unsafe { std::mem::transmute::<&mut dyn FnMut(), &'static mut dyn FnMut()>(closure) };
         self.core.job.set(&raw mut borrow);
-        self.resume(deadline_ns, false)
+        self.resume(deadline_ns, false, false)
     }
 
-    /// Runs `errand` on the fiber until it returns, traps or waits. Otherwise as [`Self::run`].
+    /// Runs `errand` on the fiber until it returns, traps or waits, where it may. Otherwise as [`Self::run`].
     ///
     /// # Panics
     /// As [`Self::run`].
-    pub fn begin(&mut self, deadline_ns: u64, errand: Box<dyn Errand>) -> Ended {
+    pub fn begin(&mut self, deadline_ns: u64, may_wait: bool, errand: Box<dyn Errand>) -> Ended {
         assert!(self.state == State::Idle, "a fiber that trapped or waits takes no errand");
         // SAFETY: the fiber is idle: it does not touch it.
         unsafe { *self.core.errand.get() = Some(errand) };
         self.core.job.set(ERRAND);
-        self.go_on(deadline_ns, true)
+        self.go_on(deadline_ns, may_wait)
     }
 
     /// Goes on with an errand that waits; where it may not wait any more, it comes to its end. Otherwise as
     /// [`Self::run`].
     #[inline(never)]
     pub fn go_on(&mut self, deadline_ns: u64, may_wait: bool) -> Ended {
-        self.resume(deadline_ns, may_wait)
+        self.resume(deadline_ns, may_wait, true)
     }
 
     #[inline]
-    fn resume(&mut self, deadline_ns: u64, may_wait: bool) -> Ended {
+    fn resume(&mut self, deadline_ns: u64, may_wait: bool, is_errand: bool) -> Ended {
         let armed = self.core.armed.get();
         armed.inspect(|armed| armed.arm(deadline_ns, may_wait));
         let result = self.coroutine.resume(());
@@ -193,7 +193,7 @@ impl Fiber {
             self.state = State::Spent;
             return Ended::Trapped;
         }
-        match armed.filter(|_| may_wait).and_then(Armed::take_wait) {
+        match armed.filter(|_| is_errand).and_then(Armed::take_wait) {
             Some(until_ns) => {
                 (self.state, self.until_ns) = (State::Waiting, until_ns);
                 Ended::Waits

@@ -68,7 +68,7 @@ impl FiberPool {
         Ok(Ended::Trapped)
     }
 
-    /// Runs `errand` on a fiber with a stack of that size; it must return until `deadline_ns`, or wait.
+    /// Runs `errand` on a fiber with a stack of that size; it must return until `deadline_ns`, or wait, where it may.
     ///
     /// # Errors
     /// As [`Self::run`].
@@ -76,6 +76,7 @@ impl FiberPool {
         &mut self,
         stack_bytes: usize,
         deadline_ns: u64,
+        may_wait: bool,
         errand: Box<dyn Errand>,
     ) -> std::io::Result<Progress> {
         let lease = &self.lease;
@@ -85,7 +86,7 @@ impl FiberPool {
         }
         let Some(fiber) = shelf.last_mut() else { return Err(std::io::ErrorKind::OutOfMemory.into()) };
         // In its place on the shelf, as long as it does not wait.
-        if fiber.begin(deadline_ns, errand) == Ended::Returned
+        if fiber.begin(deadline_ns, may_wait, errand) == Ended::Returned
             && let Some(errand) = fiber.take_errand()
         {
             return Ok(Progress::Done(errand));
@@ -215,7 +216,7 @@ mod tests {
         let mut pool = FiberPool::default();
         let mut tickets = Vec::new();
         for _ in 0..3 {
-            match pool.begin(64 << 10, NEVER, waits(2)).unwrap() {
+            match pool.begin(64 << 10, NEVER, true, waits(2)).unwrap() {
                 Progress::Waits(ticket, 7) => tickets.push(ticket),
                 _ => panic!("it waits"),
             }
@@ -241,7 +242,9 @@ mod tests {
     #[test]
     fn what_may_not_wait_any_more_comes_to_its_end() {
         let mut pool = FiberPool::default();
-        let Progress::Waits(ticket, _) = pool.begin(64 << 10, NEVER, waits(5)).unwrap() else { panic!("it waits") };
+        let Progress::Waits(ticket, _) = pool.begin(64 << 10, NEVER, true, waits(5)).unwrap() else {
+            panic!("it waits")
+        };
         let Some(Progress::Done(errand)) = pool.go_on(ticket, NEVER, false) else { panic!("it ends") };
         assert_eq!(refused(errand), 4, "the first wait had begun");
     }
@@ -253,7 +256,9 @@ mod tests {
         let mut inside = Ok(());
         pool.run(64 << 10, NEVER, &mut || inside = park(1)).unwrap();
         assert_eq!(inside, Err(NotHere));
-        let Progress::Waits(ticket, _) = pool.begin(64 << 10, NEVER, waits(1)).unwrap() else { panic!("it waits") };
+        let Progress::Waits(ticket, _) = pool.begin(64 << 10, NEVER, true, waits(1)).unwrap() else {
+            panic!("it waits")
+        };
         pool.abandon(ticket);
         pool.bury();
     }
@@ -274,7 +279,7 @@ mod tests {
         trap::install();
         let _stack = crate::sys::thread::SignalStack::new();
         let mut pool = FiberPool::default();
-        let Progress::Waits(ticket, _) = pool.begin(64 << 10, NEVER, Box::new(Traps)).unwrap() else {
+        let Progress::Waits(ticket, _) = pool.begin(64 << 10, NEVER, true, Box::new(Traps)).unwrap() else {
             panic!("it waits")
         };
         assert!(matches!(pool.go_on(ticket, NEVER, true), Some(Progress::Trapped(_))));

@@ -298,6 +298,15 @@ pub(super) fn is_stray() -> bool {
     armed().is_some_and(|armed| armed.pulse.is_beating() && armed.is_stray())
 }
 
+/// What runs on this thread's fiber begins the next part of its errand: it must return until then, or wait, where it may.
+#[inline(never)]
+pub fn rearm(deadline_ns: u64, may_wait: bool) {
+    if let Some(armed) = armed() {
+        armed.wait.allowed.set(may_wait);
+        armed.pulse.begin(deadline_ns);
+    }
+}
+
 /// The code on this thread's fiber is about to wait: where it suspends itself; `None`: it may not, or there is no fiber.
 #[inline(never)]
 pub(super) fn begin_wait(until_ns: u64) -> Option<&'static Yielder<(), ()>> {
@@ -477,7 +486,10 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     armed.pulse.forget_attempts();
     // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
     let site = if site == Site::Daemon { Site::Elsewhere } else { site };
-    let evidence = TrapEvidence { callers: armed.callers(context), ..evidence(signal, 0, 0, context) };
+    let mut evidence = evidence(signal, 0, 0, context);
+    if site != Site::Plugin {
+        evidence.callers = armed.callers(context);
+    }
     arch::let_through(context);
     armed.end(Trap { site, hang: true, seen_ns, ..Trap::new(evidence, at_ns) })
 }

@@ -109,7 +109,8 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
 impl Source {
     fn read(path: &Path) -> Self {
         let text = std::fs::read_to_string(path).unwrap();
-        let code = text.lines().take_while(|line| !line.starts_with("#[cfg(test)]")).map(str::to_owned).collect();
+        let is_test = |line: &&str| line.starts_with("#[cfg(test)]") || line.starts_with("#![cfg(test)]");
+        let code = text.lines().take_while(|line| !is_test(line)).map(str::to_owned).collect();
         let path = path.strip_prefix(root()).unwrap().display().to_string();
         Self { path, code, lines: text.lines().count() }
     }

@@ -1,4 +1,5 @@
 //! Histories of calls against a model, and every way in which a wait ends. The test plays both plugins and the executor.
+#![cfg(test)]
 #![allow(unsafe_code, reason = "the test plays the plugins, which write and read through the pointers")]
 
 use std::cell::RefCell;

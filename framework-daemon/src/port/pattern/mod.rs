@@ -14,5 +14,4 @@ pub mod provider;
 /// The client's end.
 pub mod requestor;
 
-#[cfg(test)]
 mod histories;

@@ -181,8 +181,8 @@ extern "C" fn loan(handle: PortHandle) -> LoanResult {
 }
 
 extern "C" fn publish(handle: PortHandle, value: *mut u8) -> u32 {
-    let sent = visit(handle, |end, _| match end {
-        End::Out(port) => port.publish(value),
+    let sent = visit(handle, |end, borrower| match end {
+        End::Out(port) => port.publish(value, borrower),
         End::Scratch(block) => {
             block.fill(0);
             Sent::Unconnected
@@ -193,16 +193,16 @@ extern "C" fn publish(handle: PortHandle, value: *mut u8) -> u32 {
 }
 
 extern "C" fn give_back(handle: PortHandle, value: *mut u8) {
-    visit(handle, |end, _| match end {
-        End::Out(port) => port.give_back(value),
+    visit(handle, |end, borrower| match end {
+        End::Out(port) => port.give_back(value, borrower),
         End::Scratch(block) => block.fill(0),
         _ => {}
     });
 }
 
 extern "C" fn read(handle: PortHandle, mode: ReadMode) -> ReadResult {
-    visit(handle, |end, _| match end {
-        End::In(port) => port.read(mode),
+    visit(handle, |end, borrower| match end {
+        End::In(port) => port.read(mode, borrower),
         _ => ReadResult::NONE,
     })
 }

@@ -12,8 +12,14 @@ pub mod border;
 /// Range checks on the values of a port or connection.
 pub mod check;
 
+/// A value that is read all the time and changed now and then.
+pub mod exchange;
+
 /// Output ports and their connections.
 pub mod output;
+
+/// The blocks of an output port.
+mod pool;
 
 /// Input ports: newest or FIFO.
 pub mod input;

@@ -9,7 +9,7 @@ use component_sdk::object::path::PathError;
 use super::blueprint::Blueprint;
 use super::system::{Placed, by_name};
 use crate::port::check::Checks;
-use crate::port::output::Link;
+use crate::port::output::{Link, OutPort};
 use crate::profile::plan::{ConnectionPlan, Location, PortKind};
 
 /// New links by slot and output port.
@@ -91,14 +91,22 @@ pub fn apply(mut wiring: Wiring, slots: &[Placed]) {
                     link.checks = Arc::clone(&old.checks);
                 }
             }
-            port.connect(links);
+            connect(placed, port, links);
         }
+    }
+}
+
+fn connect(placed: &Placed, port: &OutPort, links: Vec<Link>) {
+    if port.connect(links).is_err() {
+        tracing::error!("{}.{}: its connections are being changed all the time", placed.slot.name, port.name);
     }
 }
 
 /// Takes all connections off slots that leave: their blocks may have to stay, others' ports not.
 pub fn disconnect(slots: &[Placed]) {
-    slots.iter().flat_map(|placed| &placed.slot.outputs).for_each(|port| port.connect(Vec::new()));
+    for placed in slots {
+        placed.slot.outputs.iter().for_each(|port| connect(placed, port, Vec::new()));
+    }
 }
 
 /// What is wrong with a `field` of a `validity`.

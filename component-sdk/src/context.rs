@@ -79,6 +79,16 @@ impl<'a> Context<'a> {
         Instant((self.host.clock)())
     }
 
+    /// Waits, at most a week: the callback, not its thread. The executor runs other components meanwhile, and no other
+    /// callback of this one. False: the wait was ended before its time, because the component is to stop, or it may not
+    /// wait here: only `on_execute` may.
+    ///
+    /// The time does not count towards the callback's deadline, and each stretch between two waits has the whole of it.
+    #[must_use = "a wait that was ended asks the callback to come to its end"]
+    pub fn sleep(&self, time: Duration) -> bool {
+        (self.host.sleep)(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX))
+    }
+
     /// Writes one record to the daemon's log. Never blocks: a full log drops the record and counts it.
     pub fn log(&self, level: Level, text: &str) {
         (self.host.log)(level as u8, RStr::from_str(text));

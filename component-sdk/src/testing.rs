@@ -237,6 +237,7 @@ static BENCH: HostApi = HostApi {
     give_back,
     read,
     safe_output,
+    sleep,
 };
 
 extern "C" fn clock() -> u64 {
@@ -249,6 +250,12 @@ extern "C" fn log(level: u8, text: RStr<'_>) {
 
 extern "C" fn raise_fault(text: RStr<'_>) {
     RECORD.with_borrow_mut(|record| record.faults.push(text.to_string()));
+}
+
+/// The bench's clock goes on by that much.
+extern "C" fn sleep(nanos: u64) -> bool {
+    RECORD.with_borrow_mut(|record| record.now_ns = record.now_ns.saturating_add(nanos));
+    true
 }
 
 extern "C" fn safe_output(fd: i32, bytes: RSlice<'_, u8>) {

@@ -37,7 +37,9 @@ fn note() {
     // SAFETY: a system call without arguments.
     let is_watched = WATCHING.load(Ordering::Relaxed) && unsafe { libc::gettid() } == WATCHED.load(Ordering::Relaxed);
     // SAFETY: null or leaked.
-    if is_watched && unsafe { EVENTS.load(Ordering::Acquire).as_ref() }.is_some_and(Receiver::is_empty) {
+    let is_before = is_watched && unsafe { EVENTS.load(Ordering::Acquire).as_ref() }.is_some_and(Receiver::is_empty);
+    // Asked again: the queue is empty once more when the event was taken.
+    if is_before && WATCHING.load(Ordering::SeqCst) {
         let place = NOTED.fetch_add(1, Ordering::Relaxed);
         TIMES[place % NOTES].store(clock::now_ns(), Ordering::Relaxed);
     }
@@ -73,7 +75,7 @@ fn event(events: &Receiver<FaultEvent>) -> FaultEvent {
         assert!(began.elapsed() < PATIENCE, "a fault event comes");
         std::thread::sleep(Duration::from_millis(1));
     }
-    WATCHING.store(false, Ordering::Relaxed);
+    WATCHING.store(false, Ordering::SeqCst);
     events.recv().unwrap()
 }
 

@@ -40,6 +40,8 @@ pub struct HostApi {
     pub read: extern "C" fn(port: PortHandle, mode: ReadMode) -> ReadResult,
     /// Bytes that are written to a descriptor when the process dies; none: no longer.
     pub safe_output: extern "C" fn(fd: i32, bytes: RSlice<'_, u8>),
+    /// Suspends the callback for that many nanoseconds; false: it was ended before, or may not wait.
+    pub sleep: extern "C" fn(nanos: u64) -> bool,
 }
 
 static HOST: AtomicPtr<HostApi> = AtomicPtr::new(std::ptr::null_mut());
@@ -71,6 +73,7 @@ static DETACHED: HostApi = HostApi {
     give_back: detached::give_back,
     read: detached::read,
     safe_output: detached::safe_output,
+    sleep: detached::sleep,
 };
 
 mod detached {
@@ -95,4 +98,7 @@ mod detached {
         ReadResult::NONE
     }
     pub(super) extern "C" fn safe_output(_: i32, _: RSlice<'_, u8>) {}
+    pub(super) extern "C" fn sleep(_: u64) -> bool {
+        false
+    }
 }

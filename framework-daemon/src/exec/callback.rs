@@ -3,6 +3,7 @@
 
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
+use super::strand::{Pause, Strand};
 use super::unit::{Parts, Unit};
 use crate::detect::{crash, taint};
 use crate::model::fault::{Evidence, Fault, Memory, ShortText};
@@ -10,7 +11,8 @@ use crate::model::symptom::Symptom;
 use crate::plugin::host;
 use crate::port::check;
 use crate::sys::clock;
-use crate::sys::fiber::{Ended, FiberPool};
+use crate::sys::fiber::Ended;
+use crate::sys::fiber_pool::{FiberPool, Progress};
 use crate::sys::foreign::Event;
 use crate::sys::seat::{self, Owner};
 use crate::sys::trap::{Site, Trap};
@@ -62,6 +64,68 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
         result = Err(told(symptom, ""));
     }
     result
+}
+
+/// Enters a callback of `unit` that may wait.
+///
+/// # Errors
+/// The fault that ended it.
+pub fn begin(
+    fibers: &mut FiberPool,
+    slot: &'static str,
+    unit: &mut Unit,
+    strand: &mut Strand,
+    call: Call<'static>,
+) -> Result<Pause, Fault> {
+    let now_ns = if call.now_ns == 0 { clock::now_ns() } else { call.now_ns };
+    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault };
+    let frame = strand.frame(unit.instance.entry(), args);
+    take_seat(Owner { slot, instance: unit.number });
+    match fibers.begin(unit.limits.stack_bytes, now_ns.saturating_add(unit.limits.of(call.hook)), frame) {
+        Ok(progress) => settle(fibers, unit, strand, progress),
+        Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
+    }
+}
+
+/// Goes on with a callback of `unit` that waits; where it may not wait any more, it comes to its end.
+///
+/// # Errors
+/// The fault that ended it.
+pub fn go_on(
+    fibers: &mut FiberPool,
+    slot: &'static str,
+    unit: &mut Unit,
+    strand: &mut Strand,
+    may_wait: bool,
+) -> Result<Pause, Fault> {
+    let Some(ticket) = strand.take_ticket() else { return Ok(Pause::Done) };
+    take_seat(Owner { slot, instance: unit.number });
+    let deadline_ns = clock::now_ns().saturating_add(unit.limits.hang_ns);
+    match fibers.go_on(ticket, deadline_ns, may_wait) {
+        Some(progress) => settle(fibers, unit, strand, progress),
+        None => Ok(Pause::Done),
+    }
+}
+
+fn settle(fibers: &FiberPool, unit: &mut Unit, strand: &mut Strand, progress: Progress) -> Result<Pause, Fault> {
+    match progress {
+        Progress::Done(errand) => match crash::of_status(strand.put_back(errand)) {
+            Some(symptom) => Err(told(symptom, "")),
+            None => Ok(Pause::Done),
+        },
+        Progress::Trapped(errand) => {
+            let _ = strand.put_back(errand);
+            unit.spent = true;
+            match fibers.trap() {
+                Some(trap) => Err(trapped(trap)),
+                None => Err(told(Symptom::CrashSegv, "")),
+            }
+        }
+        Progress::Waits(ticket, until_ns) => {
+            strand.wait(ticket, until_ns);
+            Ok(Pause::Waits)
+        }
+    }
 }
 
 /// Runs the constructor of a class.
@@ -154,18 +218,24 @@ fn guarded(
     deadline_ns: u64,
     closure: &mut dyn FnMut(),
 ) -> Result<(), Fault> {
-    if seat::enter(owner) {
-        // Nobody's any more.
-        let _ = forget_notes();
-        host::forget_regions();
-    }
+    take_seat(owner);
     match fibers.run(stack_bytes, deadline_ns, closure) {
         Ok(Ended::Returned) => Ok(()),
         Ok(Ended::Trapped) => match fibers.trap() {
             Some(trap) => Err(trapped(trap)),
             None => Err(told(Symptom::CrashSegv, "")),
         },
+        Ok(Ended::Waits) => Ok(()),
         Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
+    }
+}
+
+/// Says whose code runs from now on.
+fn take_seat(owner: Owner) {
+    if seat::enter(owner) {
+        // Nobody's any more.
+        let _ = forget_notes();
+        host::forget_regions();
     }
 }
 

@@ -11,13 +11,13 @@ use std::time::Duration;
 use crossbeam_channel::{Receiver, SendError, Sender};
 
 use super::member::{Crew, Member};
-use super::trigger::Bell;
 use crate::model::fault::FaultSender;
 use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
 use crate::model::time::nanoseconds;
 use crate::profile::plan::Trigger;
-use crate::sys::fiber::FiberPool;
+use crate::sys::bell::{Bell, Ring};
+use crate::sys::fiber_pool::FiberPool;
 use crate::sys::foreign::Report;
 use crate::sys::{arch, carrier, clock, watchdog};
 
@@ -297,6 +297,7 @@ impl Run {
     fn cycle(&mut self) {
         let now = clock::now_ns();
         self.go_on_recovering(now);
+        self.end_waits(now);
         for place in 0..self.order.len() {
             let number = self.order[place];
             if self.is_due(number, now) {
@@ -321,17 +322,26 @@ impl Run {
         }
     }
 
-    /// Nonperiodic members whose data came, and those that theirs wake.
+    /// Members that were rung for, and those that theirs wake.
     fn chain(&mut self) {
         // Bounded, so that a loop of writers cannot starve commands and periods.
         for _ in 0..=self.order.len() * 4 {
             let Some(number) = self.bell.next_ready() else { return };
-            if let Some(Some(member)) = self.members.get(number) {
-                member.signal.clear();
-                if member.trigger == Trigger::Nonperiodic {
-                    self.execute(number);
-                }
+            self.look(number);
+        }
+    }
+
+    /// Looks at a member that was rung for.
+    fn look(&mut self, number: usize) {
+        let Some(Some(member)) = self.members.get_mut(number) else { return };
+        let rings = member.signal.take();
+        if member.strand.waits() {
+            member.strand.held = member.strand.held.and(rings.without(Ring::Wait));
+            if rings.has(Ring::Wait) {
+                self.go_on(number);
             }
+        } else if rings.has(Ring::Data) && member.trigger == Trigger::Nonperiodic {
+            self.execute(number);
         }
     }
 
@@ -340,8 +350,35 @@ impl Run {
             && member.state() == State::Active
         {
             member.execute(&mut self.crew);
-            if !self.ran.contains(&number) {
-                self.ran.push(number);
+            self.executed(number);
+        }
+    }
+
+    fn go_on(&mut self, number: usize) {
+        if let Some(Some(member)) = self.members.get_mut(number) {
+            member.go_on(&mut self.crew);
+            self.executed(number);
+        }
+    }
+
+    /// A member's callback is done, or waits: then its `update` waits as well, and what was rung for.
+    fn executed(&mut self, number: usize) {
+        let Some(Some(member)) = self.members.get_mut(number) else { return };
+        if member.strand.waits() {
+            return;
+        }
+        member.signal.ring_again(std::mem::take(&mut member.strand.held));
+        if !self.ran.contains(&number) {
+            self.ran.push(number);
+        }
+    }
+
+    /// Callbacks whose waiting time is over.
+    fn end_waits(&mut self, now_ns: u64) {
+        for number in 0..self.members.len() {
+            let until_ns = self.members[number].as_ref().and_then(|member| member.strand.until_ns());
+            if until_ns.is_some_and(|until_ns| until_ns <= now_ns) {
+                self.go_on(number);
             }
         }
     }
@@ -356,9 +393,11 @@ impl Run {
         }
         let period = nanoseconds(period);
         let missed = (now_ns - member.next_due_ns) / period;
-        member.slot.status.missed.fetch_add(missed, Ordering::Relaxed);
         member.next_due_ns += (missed + 1) * period;
-        true
+        // One that still waits misses this period, too.
+        let waits = member.strand.waits();
+        member.slot.status.missed.fetch_add(missed + u64::from(waits), Ordering::Relaxed);
+        !waits
     }
 
     fn next_due(&self) -> Option<u64> {
@@ -366,6 +405,8 @@ impl Run {
         let periodic =
             members.filter(|member| member.state() == State::Active && matches!(member.trigger, Trigger::Periodic(_)));
         let breaths = self.members.iter().flatten().filter_map(|member| member.breath.as_ref());
-        periodic.map(|member| member.next_due_ns).chain(breaths.map(|breath| breath.until_ns())).min()
+        let waits = self.members.iter().flatten().filter_map(|member| member.strand.until_ns());
+        let breaths = breaths.map(|breath| breath.until_ns());
+        periodic.map(|member| member.next_due_ns).chain(breaths).chain(waits).min()
     }
 }

@@ -10,7 +10,7 @@ use super::callback::{self, Call};
 use super::checkpoint::Checkpoint;
 use super::recover::Breath;
 use super::slot::{Slot, Status};
-use super::trigger::Signal;
+use super::strand::{Job, Pause, Strand};
 use super::unit::Unit;
 use super::workshop::Shelf;
 use crate::model::fault::{Fault, FaultSender};
@@ -18,8 +18,9 @@ use crate::model::ladder::Ladder;
 use crate::model::lifecycle::{Event, State};
 use crate::model::time::nanoseconds;
 use crate::profile::plan::{Preload, Trigger};
+use crate::sys::bell::{Ring, Signal};
 use crate::sys::clock;
-use crate::sys::fiber::FiberPool;
+use crate::sys::fiber_pool::FiberPool;
 
 /// What an executor's members share.
 pub struct Crew {
@@ -59,6 +60,8 @@ pub struct Member {
     pub unit: Option<Box<Unit>>,
     /// A spare at hand: it was made on another processor, and is to be near before it is needed.
     pub spare: Option<Box<Unit>>,
+    /// Its callback that may wait.
+    pub strand: Strand,
     /// When the next period begins.
     pub next_due_ns: u64,
     /// Place in the order of data flow.
@@ -177,9 +180,9 @@ impl Member {
             // Multiples of the period: all members of one period begin together, on every executor.
             self.next_due_ns = (clock::now_ns() / period + 1) * period;
         }
-        self.signal.clear();
+        let _ = self.signal.take();
         if self.trigger == Trigger::Nonperiodic && self.slot.inputs.iter().any(|port| port.has_data()) {
-            self.signal.ring();
+            self.signal.ring(Ring::Data);
         }
     }
 
@@ -193,17 +196,74 @@ impl Member {
         }
         self.reach_for_spare();
         let inject = self.inject.pop_front().unwrap_or(0);
-        let queued = self.queued();
-        let began = clock::now_ns();
+        let job = Job::Execute { queued: self.queued() };
+        let now_ns = clock::now_ns();
         // Looked at where it lies: a fault is large.
-        let result = self.enter(Call { inject, ..Call::plain(Hook::Execute) }, crew);
-        match &result {
-            Ok(()) => self.completed(clock::now_ns() - began, crew),
+        let result = self.undertake(job, Call { inject, ..Call::at(Hook::Execute, now_ns) }, crew);
+        self.after(&result, now_ns, crew);
+    }
+
+    /// Goes on with the callback that waits.
+    pub fn go_on(&mut self, crew: &mut Crew) {
+        let now_ns = clock::now_ns();
+        let result = self.resume(true, crew);
+        self.after(&result, now_ns, crew);
+    }
+
+    /// Enters a callback that may wait.
+    ///
+    /// # Errors
+    /// The fault that ended it.
+    pub(super) fn undertake(&mut self, job: Job, call: Call<'static>, crew: &mut Crew) -> Result<Pause, Fault> {
+        self.strand.take_up(job);
+        let Some(unit) = self.unit.as_mut() else { return Ok(Pause::Done) };
+        crew.begin(&self.slot, unit, &mut self.strand, call)
+    }
+
+    fn resume(&mut self, may_wait: bool, crew: &mut Crew) -> Result<Pause, Fault> {
+        let Some(unit) = self.unit.as_mut() else { return Ok(Pause::Done) };
+        crew.go_on(&self.slot, unit, &mut self.strand, may_wait)
+    }
+
+    /// What follows a stretch of a callback that may wait.
+    fn after(&mut self, result: &Result<Pause, Fault>, began_ns: u64, crew: &mut Crew) {
+        match result {
+            Ok(Pause::Done) => {
+                let took_ns = self.strand.ran_ns + (clock::now_ns() - began_ns);
+                self.finish(took_ns, crew);
+            }
+            Ok(Pause::Waits) => {
+                self.strand.ran_ns += clock::now_ns() - began_ns;
+                // The next callback on this thread would erase it.
+                self.keep_side_report();
+            }
             Err(fault) => self.handle(fault, crew),
         }
+    }
+
+    fn finish(&mut self, took_ns: u64, crew: &mut Crew) {
+        self.completed(took_ns, crew);
         // It took one value of several: the others are news, too. One that takes nothing is not asked again.
-        if self.trigger == Trigger::Nonperiodic && (1..queued).contains(&self.queued()) {
-            self.signal.ring();
+        if let Job::Execute { queued } = self.strand.job
+            && self.trigger == Trigger::Nonperiodic
+            && (1..queued).contains(&self.queued())
+        {
+            self.signal.ring(Ring::Data);
+        }
+    }
+
+    /// Whatever its callback waits for, it waits no longer: it is told so and comes to its end. One of an instance that is
+    /// never entered again does not.
+    pub(super) fn end_wait(&mut self, crew: &mut Crew) {
+        if !self.strand.waits() {
+            return;
+        }
+        if self.unit.as_ref().is_none_or(|unit| unit.spent) {
+            self.strand.take_ticket().into_iter().for_each(|ticket| crew.fibers.abandon(ticket));
+        } else if let Err(fault) = self.resume(false, crew) {
+            self.note(&fault, crew);
+        } else {
+            self.note_side_report(crew);
         }
     }
 
@@ -240,7 +300,7 @@ impl Member {
 
     /// `update`, at the end of a cycle.
     pub fn update(&mut self, crew: &mut Crew) {
-        if self.state() != State::Active {
+        if self.state() != State::Active || self.strand.waits() {
             return;
         }
         match self.enter(Call::plain(Hook::Update), crew) {
@@ -258,6 +318,10 @@ impl Member {
     /// `stop`: the slot becomes inactive.
     pub fn stop(&mut self, crew: &mut Crew) {
         self.give_up(crew);
+        self.end_wait(crew);
+        if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
+            crew.dispose(&self.slot, unit);
+        }
         if !self.step(Event::Stop) {
             return;
         }

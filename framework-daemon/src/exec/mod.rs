@@ -7,6 +7,9 @@
 /// The one place where a callback is entered: fiber, injection, outcome.
 pub mod callback;
 
+/// A callback that may wait.
+pub mod strand;
+
 /// What a successor goes on from.
 pub mod checkpoint;
 

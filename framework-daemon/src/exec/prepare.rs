@@ -8,6 +8,7 @@ use super::checkpoint::{Checkpoint, Region};
 use super::member::Crew;
 use super::recover;
 use super::slot::{Slot, Status};
+use super::strand::{Pause, Strand};
 use super::unit::{Recipe, Unit};
 use crate::model::fault::{Fault, FaultEvent, Outcome, Times};
 use crate::model::ladder::Answer;
@@ -56,6 +57,38 @@ impl Crew {
     /// The fault that ended it.
     pub fn enter(&mut self, slot: &Slot, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
         let result = callback::enter(&mut self.fibers, slot.name, unit, call);
+        self.look_after(unit);
+        result
+    }
+
+    /// Enters a callback of a unit that may wait.
+    ///
+    /// # Errors
+    /// The fault that ended it.
+    pub fn begin(
+        &mut self,
+        slot: &Slot,
+        unit: &mut Unit,
+        strand: &mut Strand,
+        call: Call<'static>,
+    ) -> Result<Pause, Fault> {
+        let result = callback::begin(&mut self.fibers, slot.name, unit, strand, call);
+        self.look_after(unit);
+        result
+    }
+
+    /// Goes on with a callback that waits; where it may not wait any more, it comes to its end.
+    ///
+    /// # Errors
+    /// The fault that ended it.
+    pub fn go_on(&mut self, slot: &Slot, unit: &mut Unit, strand: &mut Strand, may_wait: bool) -> Result<Pause, Fault> {
+        let result = callback::go_on(&mut self.fibers, slot.name, unit, strand, may_wait);
+        self.look_after(unit);
+        result
+    }
+
+    /// What follows every callback of a unit, however it ended.
+    fn look_after(&mut self, unit: &mut Unit) {
         self.lost |= unit.spent;
         if seat::has_notes() {
             while let Some(note) = host::take_region() {
@@ -63,7 +96,6 @@ impl Crew {
                 unit.register(Region { name, address: note.address, len: note.len });
             }
         }
-        result
     }
 
     /// Copies an instance's critical regions.

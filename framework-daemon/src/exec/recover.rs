@@ -12,6 +12,7 @@ use super::callback::{self, Call};
 use super::checkpoint::Checkpoint;
 use super::member::{Crew, Member};
 use super::slot::Status;
+use super::strand::{Job, Pause};
 use super::unit::Unit;
 use crate::model::fault::{Fault, FaultEvent, FaultSender, Outcome, Times};
 use crate::model::ladder::Answer;
@@ -102,6 +103,8 @@ impl Breath {
 impl Member {
     /// Answers a fault of this slot.
     pub fn handle(&mut self, fault: &Fault, crew: &mut Crew) {
+        // Where something else than the callback failed, it may be waiting.
+        self.end_wait(crew);
         Status::count(&self.slot.status.faults);
         let class = self.slot.status.class();
         let answer = self.look_up(fault);
@@ -307,9 +310,17 @@ impl Member {
         if self.trigger == Trigger::Passive {
             return Step::Works;
         }
-        if let Err(second) = self.enter(Call::at(Hook::Execute, now_ns), crew) {
-            self.step(Event::Fault);
-            return climb.fail(second);
+        match self.undertake(Job::Execute { queued: 0 }, Call::at(Hook::Execute, now_ns), crew) {
+            Err(second) => {
+                self.step(Event::Fault);
+                return climb.fail(second);
+            }
+            // It is at work, and waits for somebody else.
+            Ok(Pause::Waits) => {
+                self.keep_side_report();
+                return Step::Works;
+            }
+            Ok(Pause::Done) => {}
         }
         climb.record.times.first_callback_ns = Some(since(fault));
         self.keep_side_report();

@@ -20,6 +20,8 @@ impl Member {
         self.spare = self.shelf.take();
         self.shelf.set_at_hand(self.spare.is_some());
         self.spare.iter().for_each(|unit| unit.bring_near());
+        // While it changed hands the workshop may have counted it twice.
+        self.shelf.order();
     }
 
     /// A spare of the class in use: the one at hand, or one from the shelf.

@@ -25,7 +25,7 @@ use crate::model::limits::{CLEARED_UNITS, SHUTDOWN_STEP, SLOTS, SPARE_PAUSE_MAX,
 use crate::model::schedule::Schedule;
 use crate::model::symptom::SeverityTable;
 use crate::model::time::nanoseconds;
-use crate::sys::fiber::FiberPool;
+use crate::sys::fiber_pool::FiberPool;
 use crate::sys::wake::Waker;
 use crate::sys::{arch, carrier, clock, watchdog};
 

@@ -124,6 +124,10 @@ pub const LOG_LINES: usize = 4_096;
 pub const FAULT_EVENTS: usize = 4_096;
 /// Idle fibers that an executor makes room for, for each size of stack.
 pub const IDLE_FIBERS: usize = 4;
+/// Longest time that a callback may wait at once.
+pub const WAIT_MAX: Duration = Duration::from_secs(7 * 24 * 3600);
+/// Fibers that wait which an executor makes room for; more are possible.
+pub const WAITING_FIBERS: usize = 64;
 /// Blocks of an output port beyond those that its readers can hold.
 pub const SPARE_BLOCKS: usize = 2;
 /// Connections of an output that are made at run time before its table grows.

@@ -8,9 +8,10 @@ use std::cell::Cell;
 use abi_stable::std_types::{RSlice, RStr};
 
 use crate::model::fault::{Evidence, Label, ShortText};
-use crate::model::limits::{REGIONS_PER_CALLBACK, SAFE_OUTPUT_BYTES};
+use crate::model::limits::{REGIONS_PER_CALLBACK, SAFE_OUTPUT_BYTES, WAIT_MAX};
+use crate::model::time::nanoseconds;
 use crate::sys::seat::{self, Note};
-use crate::sys::{clock, foreign, log_ring, safe_outputs, shield};
+use crate::sys::{clock, fiber, foreign, log_ring, safe_outputs, shield};
 
 /// A panic as the plugin's hook saw it.
 #[derive(Clone, Copy)]
@@ -93,6 +94,17 @@ pub fn take_raised() -> Option<ShortText> {
 /// [`component_sdk::abi::host::HostApi::clock`].
 pub extern "C" fn clock_now() -> u64 {
     clock::now_ns()
+}
+
+/// [`component_sdk::abi::host::HostApi::sleep`].
+pub extern "C" fn sleep(nanos: u64) -> bool {
+    let until_ns = clock::now_ns() + nanos.min(nanoseconds(WAIT_MAX));
+    while clock::now_ns() < until_ns {
+        if fiber::park(until_ns).is_err() {
+            return false;
+        }
+    }
+    true
 }
 
 /// [`component_sdk::abi::host::HostApi::log`].

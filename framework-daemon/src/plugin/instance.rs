@@ -18,6 +18,23 @@ pub struct Instance {
 // thread at a time, because only its owner can call `enter`, which needs `&mut`.
 unsafe impl Send for Instance {}
 
+/// The way into an instance.
+#[derive(Clone, Copy)]
+pub struct Entry {
+    class: &'static ComponentClass,
+    object: *mut (),
+}
+
+// SAFETY: as of `Instance`.
+unsafe impl Send for Entry {}
+
+impl Entry {
+    /// Enters a callback.
+    pub fn enter(&mut self, args: &CallArgs<'_>) -> CallStatus {
+        (self.class.call)(self.object, args)
+    }
+}
+
 static NUMBERS: AtomicU64 = AtomicU64::new(0);
 
 /// A number that no other instance of the process has.
@@ -60,6 +77,13 @@ impl Instance {
     /// Enters a callback.
     pub fn enter(&mut self, args: &CallArgs<'_>) -> CallStatus {
         (self.class.call)(self.object, args)
+    }
+
+    /// The way in, for a callback that may wait: it outlives the borrow of the instance, which nobody else enters
+    /// meanwhile.
+    #[must_use]
+    pub const fn entry(&self) -> Entry {
+        Entry { class: self.class, object: self.object }
     }
 
     /// Drops the object.

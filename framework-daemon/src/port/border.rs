@@ -116,6 +116,7 @@ pub static HOST: HostApi = HostApi {
     give_back,
     read,
     safe_output: host::safe_output,
+    sleep: host::sleep,
 };
 
 /// What a handle leads to.

@@ -15,7 +15,8 @@ use crate::exec::checkpoint::Checkpoint;
 use crate::exec::executor::Executor;
 use crate::exec::member::{Member, Standby};
 use crate::exec::slot::{Slot, Status};
-use crate::exec::trigger::{Bell, Doorbell, Signal};
+use crate::exec::strand::Strand;
+use crate::exec::trigger::Doorbell;
 use crate::exec::unit::{Limits, Recipe, Source};
 use crate::exec::workshop::Workshop;
 use crate::model::fault::FaultSender;
@@ -25,6 +26,7 @@ use crate::model::names;
 use crate::model::schedule::Schedule;
 use crate::plugin::Class;
 use crate::profile::plan::{ConnectionPlan, Plan, SlotPlan, Trigger};
+use crate::sys::bell::{Bell, Signal};
 
 /// Why a system could not be brought up, one text for each thing that is wrong.
 #[derive(Debug)]
@@ -153,6 +155,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         standbys,
         unit: None,
         spare: None,
+        strand: Strand::default(),
         next_due_ns: 0,
         rank: 0,
         inject: std::collections::VecDeque::new(),

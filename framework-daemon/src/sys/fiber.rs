@@ -5,7 +5,8 @@
 //! undefined for that very reason.
 #![allow(unsafe_code, reason = "address of unsafe: stacks, and closures that cross to them")]
 
-use std::cell::{Cell, OnceCell};
+use std::any::Any;
+use std::cell::{Cell, OnceCell, UnsafeCell};
 use std::mem::ManuallyDrop;
 use std::ops::Range;
 use std::rc::Rc;
@@ -15,12 +16,10 @@ use corosensei::stack::Stack;
 use corosensei::{Coroutine, CoroutineResult};
 
 use super::arch;
-use super::carrier::{self, Lease};
-use super::pulse::Pulse;
+use super::carrier::Lease;
 use super::shield;
 use super::stack::{self, OwnStack};
-use super::trap::{Armed, Trap};
-use crate::model::limits::{IDLE_FIBERS, TOUCHED_STACK_BYTES};
+use super::trap::{self, Armed, Trap};
 
 /// A deadline that is never over.
 pub const NEVER: u64 = u64::MAX;
@@ -29,11 +28,24 @@ pub const NEVER: u64 = u64::MAX;
 /// are written as halves and read as a whole, which stalls the processor for longer than the switch itself takes.
 type Job = *mut &'static mut dyn FnMut();
 
+/// Work that may wait, and so outlives the call that began it.
+pub trait Errand: Send {
+    /// Does it.
+    fn run(&mut self);
+
+    /// The way back to what it is.
+    fn into_any(self: Box<Self>) -> Box<dyn Any>;
+}
+
 /// What a fiber and its executor share.
 struct Core {
     armed: OnceCell<Armed>,
     job: Cell<Job>,
+    errand: UnsafeCell<Option<Box<dyn Errand>>>,
 }
+
+/// In the place of a job: the errand.
+const ERRAND: Job = std::ptr::without_provenance_mut(align_of::<&'static mut dyn FnMut()>());
 
 /// A stack and what runs on it. Runs one closure after the other.
 pub struct Fiber {
@@ -41,7 +53,20 @@ pub struct Fiber {
     core: Rc<Core>,
     /// Its stack's addresses.
     range: Range<usize>,
-    usable: bool,
+    pub(super) stack_bytes: usize,
+    pub(super) state: State,
+    /// Until when it waits.
+    pub(super) until_ns: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum State {
+    /// For the next closure.
+    Idle,
+    /// In the middle of an errand.
+    Waiting,
+    /// A trap ended it, or nobody will resume it.
+    Spent,
 }
 
 /// How a closure on a fiber ended. Small, because it is returned from every callback.
@@ -52,6 +77,23 @@ pub enum Ended {
     /// A trap ended it, and the fiber with it; [`Fiber::trap`] tells which. The thread may be another one than
     /// before.
     Trapped,
+    /// It waits: it was an errand.
+    Waits,
+}
+
+/// Whoever asked may not wait: it runs on a thread of its own, in a signal handler, or in a callback that must not wait.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NotHere;
+
+/// Suspends the fiber that calls it, not its thread, until somebody rings for its member or the time is over. It may return
+/// for no reason: it is the body of a loop over a condition. Never inlined: the thread may be another one afterwards.
+///
+/// # Errors
+/// Where nobody may wait.
+#[inline(never)]
+pub fn park(until_ns: u64) -> Result<(), NotHere> {
+    trap::begin_wait(until_ns).ok_or(NotHere)?.suspend(());
+    Ok(())
 }
 
 impl Fiber {
@@ -70,24 +112,36 @@ impl Fiber {
     pub fn leased(stack_bytes: usize, lease: &Lease) -> std::io::Result<Self> {
         let stack = OwnStack::new(stack_bytes)?;
         let (low, high, range) = (stack.limit().get(), stack.base().get(), stack.range());
-        let core = Rc::new(Core { armed: OnceCell::new(), job: Cell::new(std::ptr::null_mut()) });
+        let core = Rc::new(Core {
+            armed: OnceCell::new(),
+            job: Cell::new(std::ptr::null_mut()),
+            errand: UnsafeCell::new(None),
+        });
         // Not counted: what a fiber that traps holds is never dropped.
         let shared = Rc::as_ptr(&core);
         let coroutine = Coroutine::with_stack(stack, move |yielder, ()| {
+            // SAFETY: as below.
+            unsafe { (*shared).armed.get() }.iter().for_each(|armed| armed.settle_in(yielder));
             loop {
                 // SAFETY: the fiber is resumed by its `Fiber` only, which holds the core.
                 let job = unsafe { (*shared).job.get() };
                 if job.is_null() {
                     return;
                 }
-                // SAFETY: `run` sets a pointer to a borrow that it holds until this suspends.
-                unsafe { (*job)() };
+                if job == ERRAND {
+                    // SAFETY: set by `begin`; nobody else touches it until this suspends without waiting.
+                    unsafe { (*(*shared).errand.get()).iter_mut().for_each(|errand| errand.run()) };
+                } else {
+                    // SAFETY: `run` sets a pointer to a borrow that it holds until this suspends.
+                    unsafe { (*job)() };
+                }
                 yielder.suspend(());
             }
         });
         let pulse = Arc::clone(&lease.pulse);
         core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low..high, pulse, lease.relay));
-        Ok(Self { coroutine: ManuallyDrop::new(coroutine), core, range, usable: true })
+        let coroutine = ManuallyDrop::new(coroutine);
+        Ok(Self { coroutine, core, range, stack_bytes, state: State::Idle, until_ns: 0 })
     }
 
     /// Runs `closure` on the fiber until it returns or traps, or is ended because `deadline_ns` (on the monotonic clock) is
@@ -100,26 +154,65 @@ impl Fiber {
     /// After a trap: the fiber is spent.
     #[inline(never)]
     pub fn run(&mut self, deadline_ns: u64, closure: &mut dyn FnMut()) -> Ended {
-        assert!(self.usable, "a fiber that trapped is never resumed");
+        assert!(self.state == State::Idle, "a fiber that trapped or waits takes no closure");
         // SAFETY: only the lifetime changes; the closure is borrowed until `resume` returns, and the fiber never
-        // touches it later: it asks for the next job, or it is spent.
+        // touches it later: it may not wait, so it asks for the next job, or it is spent.
         let mut borrow = unsafe { std::mem::transmute::<&mut dyn FnMut(), &'static mut dyn FnMut()>(closure) };
         self.core.job.set(&raw mut borrow);
+        self.resume(deadline_ns, false)
+    }
+
+    /// Runs `errand` on the fiber until it returns, traps or waits. Otherwise as [`Self::run`].
+    ///
+    /// # Panics
+    /// As [`Self::run`].
+    pub fn begin(&mut self, deadline_ns: u64, errand: Box<dyn Errand>) -> Ended {
+        assert!(self.state == State::Idle, "a fiber that trapped or waits takes no errand");
+        // SAFETY: the fiber is idle: it does not touch it.
+        unsafe { *self.core.errand.get() = Some(errand) };
+        self.core.job.set(ERRAND);
+        self.go_on(deadline_ns, true)
+    }
+
+    /// Goes on with an errand that waits; where it may not wait any more, it comes to its end. Otherwise as
+    /// [`Self::run`].
+    #[inline(never)]
+    pub fn go_on(&mut self, deadline_ns: u64, may_wait: bool) -> Ended {
+        self.resume(deadline_ns, may_wait)
+    }
+
+    #[inline]
+    fn resume(&mut self, deadline_ns: u64, may_wait: bool) -> Ended {
         let armed = self.core.armed.get();
-        armed.inspect(|armed| armed.arm(deadline_ns));
+        armed.inspect(|armed| armed.arm(deadline_ns, may_wait));
         let result = self.coroutine.resume(());
         shield::end_copy();
         armed.inspect(|armed| armed.disarm());
         arch::restore_float_control();
-        match result {
-            CoroutineResult::Yield(()) => Ended::Returned,
-            CoroutineResult::Return(()) => {
-                self.usable = false;
-                Ended::Trapped
+        if let CoroutineResult::Return(()) = result {
+            self.state = State::Spent;
+            return Ended::Trapped;
+        }
+        match armed.filter(|_| may_wait).and_then(Armed::take_wait) {
+            Some(until_ns) => {
+                (self.state, self.until_ns) = (State::Waiting, until_ns);
+                Ended::Waits
+            }
+            None => {
+                self.state = State::Idle;
+                Ended::Returned
             }
         }
     }
 
+    /// The errand that it ran last, unless it waits.
+    pub fn take_errand(&mut self) -> Option<Box<dyn Errand>> {
+        if self.state == State::Waiting {
+            return None;
+        }
+        // SAFETY: the fiber is idle or spent: it does not touch it.
+        unsafe { (*self.core.errand.get()).take() }
+    }
     /// The trap that ended it.
     #[must_use]
     pub fn trap(&self) -> Option<&Trap> {
@@ -128,111 +221,25 @@ impl Fiber {
 
     /// False after a trap.
     #[must_use]
-    pub const fn is_usable(&self) -> bool {
-        self.usable
+    pub fn is_usable(&self) -> bool {
+        self.state != State::Spent
     }
 }
 
 impl Drop for Fiber {
     fn drop(&mut self) {
-        if self.usable {
+        if self.state == State::Idle {
             // Its loop ends by itself; only then may its stack be freed.
             self.core.job.set(std::ptr::null_mut());
             self.coroutine.resume(());
             // SAFETY: dropped once, here, and not used afterwards.
             unsafe { ManuallyDrop::drop(&mut self.coroutine) };
         } else {
-            // SAFETY: nothing runs on it any more, and nobody frees it: the coroutine is never dropped.
+            // SAFETY: nothing runs on it any more, and nobody frees it: the coroutine is never dropped. One that waits is
+            // not resumed either: what it waits for is gone.
             unsafe { stack::entomb(self.range.clone()) };
         }
     }
-}
-
-/// Touches as much of a stack as a first callback may need, so that it need not wait for pages.
-fn touch_stack() {
-    std::hint::black_box(&std::mem::MaybeUninit::<[u8; TOUCHED_STACK_BYTES]>::uninit());
-}
-
-/// Fibers with stacks of one size.
-#[allow(clippy::vec_box, reason = "they are moved from one to the other")]
-type Shelf = Vec<Box<Fiber>>;
-
-/// Fibers for one executor, by size of stack.
-pub struct FiberPool {
-    // Boxed: one that trapped is put aside while a recovery waits.
-    idle: Vec<(usize, Shelf)>,
-    spent: Shelf,
-    lease: Lease,
-}
-
-impl Default for FiberPool {
-    /// For the executor whose thread calls it.
-    fn default() -> Self {
-        Self { idle: Vec::new(), spent: Vec::new(), lease: carrier::lease() }
-    }
-}
-
-impl FiberPool {
-    /// Runs `closure` on a fiber with a stack of that size; it must return until `deadline_ns`.
-    ///
-    /// # Errors
-    /// When a new fiber is needed and the system has no address space left.
-    pub fn run(&mut self, stack_bytes: usize, deadline_ns: u64, closure: &mut dyn FnMut()) -> std::io::Result<Ended> {
-        let lease = &self.lease;
-        let shelf = shelf(&mut self.idle, stack_bytes);
-        if shelf.is_empty() {
-            shelf.push(Box::new(Fiber::leased(stack_bytes, lease)?));
-        }
-        // In its place on the shelf: fibers do not nest, and moving one costs as much as entering it.
-        if shelf.last_mut().is_some_and(|fiber| fiber.run(deadline_ns, closure) == Ended::Returned) {
-            return Ok(Ended::Returned);
-        }
-        if let Some(fiber) = shelf.pop() {
-            self.spent.push(fiber);
-        }
-        Ok(Ended::Trapped)
-    }
-
-    /// The last trap since the last burial.
-    #[must_use]
-    pub fn trap(&self) -> Option<&Trap> {
-        self.spent.last().and_then(|fiber| fiber.trap())
-    }
-
-    /// What the watchdog reads of this executor.
-    #[must_use]
-    pub const fn pulse(&self) -> &Arc<Pulse> {
-        &self.lease.pulse
-    }
-
-    /// Makes sure that a fiber of that size is there, so that a recovery need not map a stack.
-    ///
-    /// # Errors
-    /// When the system has no address space left.
-    pub fn prepare(&mut self, stack_bytes: usize, count: usize) -> std::io::Result<()> {
-        self.spent.reserve(IDLE_FIBERS);
-        let (shelf, lease) = (shelf(&mut self.idle, stack_bytes), &self.lease);
-        while shelf.len() < count {
-            let mut fiber = Box::new(Fiber::leased(stack_bytes, lease)?);
-            fiber.run(NEVER, &mut touch_stack);
-            shelf.push(fiber);
-        }
-        Ok(())
-    }
-
-    /// Gives the pages of spent fibers back; a few microseconds each, so it is done when the recovery is over.
-    pub fn bury(&mut self) {
-        self.spent.clear();
-    }
-}
-
-/// Fibers with a stack of that size.
-fn shelf(idle: &mut Vec<(usize, Shelf)>, stack_bytes: usize) -> &mut Shelf {
-    let index = idle.iter().position(|(size, _)| *size == stack_bytes).unwrap_or_else(|| {
-        idle.push((stack_bytes, Vec::with_capacity(IDLE_FIBERS)));
-        idle.len() - 1
-    });
-    &mut idle[index].1
 }
 
 #[cfg(test)]
@@ -247,19 +254,5 @@ mod tests {
             assert!(matches!(fiber.run(NEVER, &mut || sum += i), Ended::Returned));
         }
         assert_eq!(sum, 4950);
-    }
-
-    #[test]
-    fn a_pool_keeps_its_fibers() {
-        let mut pool = FiberPool::default();
-        let mut address = [0usize; 2];
-        for slot in &mut address {
-            pool.run(64 << 10, NEVER, &mut || {
-                let local = 0u8;
-                *slot = (&raw const local).addr();
-            })
-            .unwrap();
-        }
-        assert_eq!(address[0], address[1]);
     }
 }

@@ -9,11 +9,17 @@ pub mod carrier;
 /// The monotonic clock.
 pub mod clock;
 
+/// What makes an executor look at its members.
+pub mod bell;
+
 /// System calls that plugin code makes itself.
 pub mod fence;
 
 /// A callback runs on a fiber: it may end by a trap without taking its thread along.
 pub mod fiber;
+
+/// The fibers of one executor.
+pub mod fiber_pool;
 
 /// Stacks of fibers.
 mod stack;

@@ -15,6 +15,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Once};
 
+use corosensei::Yielder;
 use corosensei::trap::CoroutineTrapHandler;
 
 use super::fence::{self, Verdict};
@@ -120,6 +121,22 @@ pub(super) struct Armed {
     pulse: Arc<Pulse>,
     relay: Option<&'static Relay<Armed>>,
     trap: OnceCell<Trap>,
+    wait: Wait,
+}
+
+/// Whether the code on the fiber may wait, and until when it does.
+struct Wait {
+    allowed: Cell<bool>,
+    /// 0: it does not.
+    until_ns: Cell<u64>,
+    /// Where it suspends itself: on its stack, for as long as that lives.
+    yielder: Cell<*const Yielder<(), ()>>,
+}
+
+impl Wait {
+    const fn new() -> Self {
+        Self { allowed: Cell::new(false), until_ns: Cell::new(0), yielder: Cell::new(std::ptr::null()) }
+    }
 }
 
 impl Armed {
@@ -130,11 +147,13 @@ impl Armed {
         pulse: Arc<Pulse>,
         relay: Option<&'static Relay<Self>>,
     ) -> Self {
-        Self { handler, stack, pulse, relay, trap: OnceCell::new() }
+        Self { handler, stack, pulse, relay, trap: OnceCell::new(), wait: Wait::new() }
     }
 
-    /// Says that the fiber runs on this thread from now on and must return until then. Fibers do not nest.
-    pub(super) fn arm(&self, deadline_ns: u64) {
+    /// Says that the fiber runs on this thread from now on and must return until then, or wait, where it may. Fibers do not
+    /// nest.
+    pub(super) fn arm(&self, deadline_ns: u64, may_wait: bool) {
+        self.wait.allowed.set(may_wait);
         handlers::forget();
         ARMED.set(self);
         self.pulse.begin(deadline_ns);
@@ -143,6 +162,16 @@ impl Armed {
     /// Says that the fiber returned. Thread-locals are not touched: the thread may be another one than before.
     pub(super) fn disarm(&self) {
         self.pulse.end();
+    }
+
+    /// The fiber runs for the first time: this is where it suspends itself.
+    pub(super) fn settle_in(&self, yielder: &Yielder<(), ()>) {
+        self.wait.yielder.set(yielder);
+    }
+
+    /// Until when the code on the fiber waits; `None`: it does not.
+    pub(super) fn take_wait(&self) -> Option<u64> {
+        Some(self.wait.until_ns.take()).filter(|until_ns| *until_ns != 0)
     }
 
     /// The trap that ended it.
@@ -269,6 +298,23 @@ pub(super) fn is_stray() -> bool {
     armed().is_some_and(|armed| armed.pulse.is_beating() && armed.is_stray())
 }
 
+/// The code on this thread's fiber is about to wait: where it suspends itself; `None`: it may not, or there is no fiber.
+#[inline(never)]
+pub(super) fn begin_wait(until_ns: u64) -> Option<&'static Yielder<(), ()>> {
+    let here = (&raw const until_ns).addr();
+    let waits = |armed: &&Armed| {
+        armed.wait.allowed.get()
+            && armed.pulse.is_beating()
+            && armed.handler.stack_ptr_in_bounds(here)
+            && !armed.is_stray()
+            && !handlers::is_here()
+    };
+    let armed = armed().filter(waits)?;
+    armed.wait.until_ns.set(until_ns.max(1));
+    // SAFETY: on the stack of the fiber that runs here, which lives as long as the code that asks.
+    unsafe { armed.wait.yielder.get().as_ref() }
+}
+
 fn armed() -> Option<&'static Armed> {
     // SAFETY: a fiber outlives its armed time; afterwards the pulse, shared by all fibers of the executor, says that
     // nothing runs.
@@ -315,22 +361,24 @@ pub fn install() {
         text::install();
         leaf::install();
         heap::install();
-        SIGNALS.into_iter().for_each(|signal| set_handler(signal, handle));
-        set_handler(watchdog_signal(), time_out);
+        SIGNALS.into_iter().for_each(|signal| set_handler(signal, handle, libc::SA_NODEFER));
+        // Real-time signals queue, and those that come while the thread waits for a processor would all be put on the
+        // signal stack at once.
+        set_handler(watchdog_signal(), time_out, 0);
     });
 }
 
 type Handler = extern "C" fn(i32, *mut libc::siginfo_t, *mut libc::c_void);
 
-fn set_handler(signal: i32, handler: Handler) {
+fn set_handler(signal: i32, handler: Handler, flags: i32) {
     // SAFETY: an all-zero `sigaction` is valid; the handler has the signature that SA_SIGINFO asks for.
     unsafe {
         let mut new: libc::sigaction = std::mem::zeroed();
         new.sa_sigaction = handler as usize;
-        // Nothing is held back meanwhile, so that a fiber is left without a system call that lets it through again. A trap
+        // No trap is held back meanwhile, so that a fiber is left without a system call that lets it through again. One
         // inside the handler is nobody's: it ends the process with its last words. SA_RESTART for a watchdog's signal
         // that comes too late to matter.
-        new.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART | libc::SA_NODEFER;
+        new.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART | flags;
         libc::sigaction(signal, &raw const new, std::ptr::null_mut());
     }
 }
@@ -430,6 +478,7 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
     let site = if site == Site::Daemon { Site::Elsewhere } else { site };
     let evidence = TrapEvidence { callers: armed.callers(context), ..evidence(signal, 0, 0, context) };
+    arch::let_through(context);
     armed.end(Trap { site, hang: true, seen_ns, ..Trap::new(evidence, at_ns) })
 }
 

@@ -11,7 +11,8 @@ use framework_daemon::exec::unit::{Limits, Recipe, Source, Unit};
 use framework_daemon::plugin::Plugin;
 use framework_daemon::port::border::HOST;
 use framework_daemon::sys::clock;
-use framework_daemon::sys::fiber::{Fiber, FiberPool, NEVER};
+use framework_daemon::sys::fiber::{Fiber, NEVER};
+use framework_daemon::sys::fiber_pool::FiberPool;
 
 use super::stats::Samples;
 use crate::profiles::plugin_dir;

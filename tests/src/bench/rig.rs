@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use crossbeam_channel::Receiver;
 use framework_daemon::exec::member::{Crew, Member};
-use framework_daemon::exec::trigger::Bell;
 use framework_daemon::exec::workshop::Workshop;
 use framework_daemon::model::fault::{FaultEvent, Outcome};
 use framework_daemon::model::lifecycle::State;
@@ -16,8 +15,9 @@ use framework_daemon::profile::load;
 use framework_daemon::supervise::blueprint::draw;
 use framework_daemon::supervise::boot;
 use framework_daemon::supervise::catalogue::Catalogue;
+use framework_daemon::sys::bell::Bell;
 use framework_daemon::sys::carrier;
-use framework_daemon::sys::fiber::FiberPool;
+use framework_daemon::sys::fiber_pool::FiberPool;
 use framework_daemon::sys::trap;
 use serde_json::{Value, json};
 

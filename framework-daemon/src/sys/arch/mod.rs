@@ -17,6 +17,16 @@ pub use processor::{
     resume, return_address, set_result, strike, system_call, waits,
 };
 
+/// In a signal handler that does not return: lets the signals through again that it holds back.
+pub fn let_through(context: &libc::ucontext_t) {
+    let mask = (&raw const context.uc_sigmask).addr();
+    // SAFETY: the kernel reads its own set of signals, and changes nothing else than this thread's.
+    unsafe { system_call(libc::SYS_rt_sigprocmask, [libc::SIG_SETMASK as usize, mask, 0, KERNEL_SET_BYTES, 0, 0]) };
+}
+
+/// The kernel's set of signals is smaller than the C library's.
+const KERNEL_SET_BYTES: usize = 8;
+
 /// Fetches memory to this processor, to be written to. Whatever the address is, nothing traps.
 pub fn bring_near(address: usize, bytes: usize) {
     (address..address + bytes).step_by(64).for_each(fetch_line);

@@ -75,6 +75,30 @@ impl Callbacks for Downer {
     }
 }
 
+/// Sleeps in each callback, once in `initialize` where nobody may, and says how it went.
+#[derive(Component)]
+#[component(name = "Sleeper", version = "1.0", periodic = "10ms")]
+pub struct Sleeper {
+    /// How long, in milliseconds.
+    #[property(default = 15, range = 0..=3600000, unit = "ms")]
+    sleep: u64,
+    slept: u64,
+}
+
+impl Callbacks for Sleeper {
+    fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "may sleep here: {}", cx.sleep(std::time::Duration::from_millis(1)));
+        Ok(())
+    }
+
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        let whole = cx.sleep(std::time::Duration::from_millis(self.sleep));
+        self.slept += 1;
+        info!(cx, "slept {}: {}", self.slept, if whole { "whole" } else { "ended" });
+        Ok(())
+    }
+}
+
 /// Passes on what it hears.
 #[derive(Component)]
 #[component(name = "Relay", version = "1.0", nonperiodic)]
@@ -305,4 +329,6 @@ impl Callbacks for Beat {
     }
 }
 
-export_components!(Beat, Ticker, Downer, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn);
+export_components!(
+    Beat, Ticker, Downer, Sleeper, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn
+);

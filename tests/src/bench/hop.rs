@@ -51,7 +51,7 @@ pub fn same(payload: Payload, sched: &str, run: Duration) -> (Samples, Samples) 
     let follower = [("batch", "int", BATCH)];
     let mut slots =
         vec![on("one", "ping", payload.class(), &leader), on("one", "pong", payload.class(), &follower)];
-    slots.extend((0..IDLE).map(|number| on("one", &format!("idle{number}"), "Sleeper", &[])));
+    slots.extend((0..IDLE).map(|number| on("one", &format!("idle{number}"), "Idler", &[])));
     in_turns(run, || ring(sched, &slots), copies)
 }
 

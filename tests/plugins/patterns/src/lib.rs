@@ -229,8 +229,8 @@ impl Callbacks for Ear {
 /// Takes a place on an executor and does nothing.
 #[derive(Component)]
 #[component(version = "1.0", passive)]
-pub struct Sleeper {}
+pub struct Idler {}
 
-impl Callbacks for Sleeper {}
+impl Callbacks for Idler {}
 
-export_components!(HopSmall, HopLarge, Caster, Ear, Sleeper);
+export_components!(HopSmall, HopLarge, Caster, Ear, Idler);

@@ -30,6 +30,17 @@ pub enum PortEnd {
     Out(Arc<OutPort>),
 }
 
+impl PortEnd {
+    /// The port's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        match self {
+            Self::In(port) => &port.name,
+            Self::Out(port) => &port.name,
+        }
+    }
+}
+
 /// One instance's access to one port: at rest while the instance stands ready, open while it is in use, closed for good
 /// when it was replaced.
 pub struct Binding {

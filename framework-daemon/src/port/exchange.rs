@@ -87,28 +87,17 @@ impl<T> Exchange<T> {
     /// # Errors
     /// Somebody else edits all the time.
     pub fn edit(&self, make: impl FnOnce(&T) -> T) -> Result<Stale<T>, Busy> {
-        self.edit_if(|now| Some(make(now)))
-    }
-
-    /// As [`Self::edit`]; nothing changes where `make` makes nothing.
-    ///
-    /// # Errors
-    /// As there.
-    pub fn edit_if(&self, make: impl FnOnce(&T) -> Option<T>) -> Result<Stale<T>, Busy> {
         patiently(|| claim(&self.editing, 0, 1).then_some(()))?;
         let before = self.current.load(Ordering::Relaxed);
         // SAFETY: only an editor changes which version is current, and this thread is the only one.
         let fresh = unsafe { self.show(before, make) };
-        let mut stale = [const { None }; VERSIONS];
-        if let Some(fresh) = fresh {
-            self.install(before, fresh, &mut stale);
-        }
+        let stale = self.install(before, fresh);
         self.editing.store(0, Ordering::Release);
         Ok(stale)
     }
 
-    fn install(&self, before: u32, fresh: T, stale: &mut Stale<T>) {
-        let mut fresh = Some(fresh);
+    fn install(&self, before: u32, fresh: T) -> Stale<T> {
+        let (mut fresh, mut stale) = (Some(fresh), [const { None }; VERSIONS]);
         for index in (0..VERSIONS as u32).filter(|index| *index != before) {
             if self.is_pinned(index) {
                 continue;
@@ -127,6 +116,7 @@ impl<T> Exchange<T> {
             // SAFETY: as above.
             stale[before as usize] = unsafe { &mut *self.versions[before as usize].get() }.take();
         }
+        stale
     }
 
     fn is_pinned(&self, index: u32) -> bool {
@@ -160,7 +150,7 @@ fn claim(word: &AtomicU32, free: u32, taken: u32) -> bool {
 }
 
 /// Asks again and again, with pauses in which others may finish.
-fn patiently<R>(mut ask: impl FnMut() -> Option<R>) -> Result<R, Busy> {
+pub(super) fn patiently<R>(mut ask: impl FnMut() -> Option<R>) -> Result<R, Busy> {
     for _ in 0..ATTEMPTS {
         if let Some(answer) = ask() {
             return Ok(answer);
@@ -192,8 +182,6 @@ mod tests {
         assert_eq!(own(&exchange), 2);
         let stale = exchange.edit(|now| now + 1).unwrap();
         assert_eq!(stale.into_iter().flatten().collect::<Vec<_>>(), [1]);
-        let stale = exchange.edit_if(|_| None).unwrap();
-        assert!(stale.iter().all(Option::is_none));
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! already sees what arrives from then on.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError, TryLockError, Weak};
 
 use component_sdk::abi::payload::{ReadMode, ReadResult};
 use component_sdk::object::TypeDescriptor;
@@ -14,7 +14,8 @@ use crossbeam_queue::ArrayQueue;
 
 use super::block::{Block, Newest, Sample};
 use super::check::Checks;
-use super::output::Borrower;
+use super::exchange::{self, Busy};
+use super::output::{Borrower, OutPort};
 use crate::model::limits::FIFO_SIZE_MAX;
 use crate::profile::plan::{Overflow, Queue};
 
@@ -23,6 +24,9 @@ pub trait Listener: Send + Sync {
     /// Called by the writer's thread; must not block.
     fn data_arrived(&self);
 }
+
+/// A writer that is connected.
+pub type Source = Weak<OutPort>;
 
 /// What has arrived and was not read.
 enum Arrived {
@@ -44,6 +48,8 @@ pub struct InPort {
     // What a thread of the component looks at. Taken for a few instructions; writers never touch it. Nothing is dropped under
     // it: the last holder of an object frees the memory of a plugin.
     aside: Mutex<Option<Sample>>,
+    // Held while the port is wired: nothing of a plugin is touched meanwhile.
+    sources: Mutex<Vec<Source>>,
     listener: OnceLock<Box<dyn Listener>>,
     /// Counted by the reader, so that a writer counts only what is never read.
     taken: AtomicU64,
@@ -68,6 +74,7 @@ impl InPort {
             arrived,
             current: Newest::default(),
             aside: Mutex::new(None),
+            sources: Mutex::default(),
             listener: OnceLock::new(),
             taken: AtomicU64::new(0),
             passed_over: AtomicU64::new(0),
@@ -78,6 +85,18 @@ impl InPort {
     /// Sets who is told of arriving data; once.
     pub fn listen(&self, listener: Box<dyn Listener>) {
         let _ = self.listener.set(listener);
+    }
+
+    /// The writers that are connected, and the right to change them.
+    ///
+    /// # Errors
+    /// Somebody else has it all the time.
+    pub(super) fn sources(&self) -> Result<MutexGuard<'_, Vec<Source>>, Busy> {
+        exchange::patiently(|| match self.sources.try_lock() {
+            Ok(sources) => Some(sources),
+            Err(TryLockError::Poisoned(sources)) => Some(sources.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
+        })
     }
 
     /// How many blocks this port can hold: what is queued, and what its reader looks at.

@@ -26,3 +26,9 @@ pub mod input;
 
 /// The table behind port handles.
 pub mod table;
+
+/// Ports by name.
+pub mod registry;
+
+/// Connections made and cut while everything runs.
+pub mod wiring;

@@ -80,26 +80,23 @@ impl OutPort {
     }
 
     /// Changes the connections, all at once: a value on its way goes over all old ones or over all new ones, and over those
-    /// that stay in any case. Makes blocks for all that the readers can hold, so that no write allocates. Says what
-    /// `change` says; where that is an error, nothing changes.
+    /// that stay in any case. Makes blocks for all that the readers can hold, so that no write allocates.
     ///
     /// # Errors
     /// Somebody else changes them all the time.
-    pub fn rewire<E>(&self, change: impl FnOnce(&mut Vec<Link>) -> Result<(), E>) -> Result<Result<(), E>, Busy> {
+    pub fn change(&self, change: impl FnOnce(&mut Vec<Link>)) -> Result<(), Busy> {
         let mut links = self.blanks.pop().unwrap_or_default();
-        let mut outcome = Ok(());
         let make = |now: &Table| {
             links.reserve(now.links.len() + SPARE_LINKS);
             links.extend_from_slice(&now.links);
-            outcome = change(&mut links);
-            let links = std::mem::take(&mut links);
-            outcome.is_ok().then(|| self.furnish(links))
+            change(&mut links);
+            self.furnish(std::mem::take(&mut links))
         };
-        let stale = self.table.edit_if(make);
+        let stale = self.table.edit(make);
         // Dropped here, where nothing is held: the last holder of an object frees the memory of a plugin.
         self.keep(links);
         stale?.into_iter().flatten().for_each(|table| self.keep(table.links));
-        Ok(outcome)
+        Ok(())
     }
 
     /// A table of these links, and blocks for it.
@@ -117,16 +114,12 @@ impl OutPort {
         }
     }
 
-    /// Replaces all connections at once.
+    /// A reader that is connected.
     ///
     /// # Errors
-    /// As [`Self::rewire`].
-    pub fn connect(&self, links: Vec<Link>) -> Result<(), Busy> {
-        let replace = |now: &mut Vec<Link>| -> Result<(), std::convert::Infallible> {
-            now.clone_from(&links);
-            Ok(())
-        };
-        self.rewire(replace).map(|_| ())
+    /// Too many threads look at the connections.
+    pub(super) fn first_target(&self) -> Result<Option<Arc<InPort>>, Busy> {
+        self.table.visit(|table| table.links.first().map(|link| Arc::clone(&link.target)))
     }
 
     /// Begins the checks of this port and its connections anew. Called by the thread that enters the slot's callbacks, between
@@ -314,7 +307,7 @@ mod tests {
         let input = |_| Arc::new(InPort::new("in", u64::DESCRIPTOR, Queue::Last, Checks::default()));
         let inputs: Vec<_> = (0..readers).map(input).collect();
         let link = |target: &Arc<InPort>| Link { target: Arc::clone(target), checks: Arc::default() };
-        out.connect(inputs.iter().map(link).collect()).unwrap();
+        out.change(|links| links.extend(inputs.iter().map(link))).unwrap();
         (out, inputs)
     }
 

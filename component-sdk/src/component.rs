@@ -5,6 +5,7 @@
 
 use std::fmt;
 
+use crate::abi::calls::Incoming;
 use crate::abi::class::ClassDecl;
 use crate::context::Context;
 use crate::property::Builder;
@@ -68,6 +69,15 @@ pub trait Component: Sized + Send + 'static {
     /// # Errors
     /// When a property's text does not fit its type or range.
     fn build(builder: &mut Builder<'_>) -> Result<Self, ComponentError>;
+
+    /// Calls the handler of the port at which something came in.
+    ///
+    /// # Errors
+    /// The handler's own.
+    #[allow(unused_variables, reason = "a component without handlers serves nothing")]
+    fn serve(&mut self, cx: &mut Context<'_>, incoming: &Incoming<'_>) -> Outcome {
+        Ok(())
+    }
 }
 
 /// The callbacks of a component. Each runs on a fiber, one at a time: on the slot's executor while the instance is in use.

@@ -55,6 +55,9 @@ pub mod port;
 /// Typed properties, read from the profile.
 pub mod property;
 
+/// What the operations of the communication patterns answer.
+pub mod status;
+
 /// Drives one component step by step, without the daemon.
 pub mod testing;
 
@@ -66,7 +69,8 @@ pub mod prelude {
     pub use crate::context::{Context, Instant, Level};
     pub use crate::object::{CommObject, Sequence, Text};
     pub use crate::objects::*;
-    pub use crate::port::{DataIn, DataOut, Loan, Sent};
+    pub use crate::port::{DataIn, DataOut, Loan, Pending, Query, QueryClient, QueryId, QueryServer, Sent};
+    pub use crate::status::Status;
     pub use crate::{CommObject, Component, error, export_components, fault, info, warn};
 }
 
@@ -82,6 +86,22 @@ pub const fn abi_name(text: &'static str) -> abi_stable::std_types::RStr<'static
 #[must_use]
 pub const fn abi_slice<T>(slice: &'static [T]) -> abi_stable::std_types::RSlice<'static, T> {
     abi_stable::std_types::RSlice::from_slice(slice)
+}
+
+/// For the derives: the answer of a query.
+#[doc(hidden)]
+#[must_use]
+pub const fn some_object(
+    object: &'static object::TypeDescriptor,
+) -> abi_stable::std_types::ROption<&'static object::TypeDescriptor> {
+    abi_stable::std_types::ROption::RSome(object)
+}
+
+/// For the derives: no answer.
+#[doc(hidden)]
+#[must_use]
+pub const fn no_object() -> abi_stable::std_types::ROption<&'static object::TypeDescriptor> {
+    abi_stable::std_types::ROption::RNone
 }
 
 /// For the derives: the size of a checkpoint field, which must be plain data (copied byte by byte).

@@ -6,7 +6,7 @@ use abi_stable::std_types::RStr;
 use crate::abi::class::{CreateArgs, PropertyDecl};
 use crate::component::ComponentError;
 use crate::object::CommObject;
-use crate::port::{DataIn, DataOut};
+use crate::port::{DataIn, DataOut, QueryClient, QueryServer};
 
 /// What a property's text must be.
 #[repr(u8)]
@@ -108,6 +108,18 @@ impl<'a> Builder<'a> {
     #[must_use]
     pub fn data_out<T: CommObject>(&self, index: usize) -> DataOut<T> {
         DataOut::new(self.args.ports[index])
+    }
+
+    /// The client port at `index`.
+    #[must_use]
+    pub fn query_client<R: CommObject, A: CommObject>(&self, index: usize) -> QueryClient<R, A> {
+        QueryClient::new(self.args.ports[index])
+    }
+
+    /// The server port at `index`.
+    #[must_use]
+    pub fn query_server<R: CommObject, A: CommObject>(&self, index: usize) -> QueryServer<R, A> {
+        QueryServer::new(self.args.ports[index])
     }
 
     /// The property at `index`.

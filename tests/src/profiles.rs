@@ -81,13 +81,22 @@ pub fn application(subcomponents: &[String], connections: &[&str]) -> String {
 /// When it is not written that way.
 #[must_use]
 pub fn connection(ends: &str, inside: &str) -> String {
+    connection_of("data", ends, inside)
+}
+
+/// A connection of that kind of ports.
+///
+/// # Panics
+/// As [`connection`].
+#[must_use]
+pub fn connection_of(kind: &str, ends: &str, inside: &str) -> String {
     let (source, target) = ends.split_once(" -> ").expect("written as a.b -> c.d");
     let end = |tag: &str, end: &str| {
         let (slot, port) = end.split_once('.').expect("written as slot.port");
         format!("<{tag} component_name=\"{slot}\" port_name=\"{port}\"/>")
     };
     format!(
-        "<port_connection port_type=\"data\">{}{}{inside}</port_connection>\n",
+        "<port_connection port_type=\"{kind}\">{}{}{inside}</port_connection>\n",
         end("source", source),
         end("target", target)
     )

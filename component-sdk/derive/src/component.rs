@@ -3,8 +3,9 @@
 use proc_macro2::TokenStream;
 use quote::{quote, quote_spanned};
 use syn::spanned::Spanned;
-use syn::{DeriveInput, Error, Expr, Field, Ident, Lit, LitInt, LitStr, Result, Type};
+use syn::{DeriveInput, Error, Expr, Field, Ident, Lit, LitStr, Result, Type};
 
+use crate::ports::{Port, serve};
 use crate::{description, named_fields};
 
 pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
@@ -61,13 +62,14 @@ impl ClassAttr {
 
     fn output(&self, input: &DeriveInput, parts: &Parts) -> TokenStream {
         let Self { name, version, trigger } = self;
-        let Parts { ports, properties, criticals, builders } = parts;
+        let Parts { ports, properties, criticals, builders, handlers } = parts;
         let ident = &input.ident;
         let description = description(&input.attrs);
+        let serve = serve(handlers);
         quote! {
             const _: () = {
                 use ::component_sdk::abi::class::{
-                    ClassDecl, CriticalDecl, Direction, PortDecl, PropertyDecl, TriggerDecl,
+                    ClassDecl, CriticalDecl, Direction, Pattern, PortDecl, PropertyDecl, TriggerDecl,
                 };
                 use ::component_sdk::{abi_name, abi_slice};
 
@@ -88,6 +90,8 @@ impl ClassAttr {
                     ) -> ::core::result::Result<Self, ::component_sdk::component::ComponentError> {
                         Ok(Self { #(#builders),* })
                     }
+
+                    #serve
                 }
             };
         }
@@ -101,6 +105,7 @@ struct Parts {
     properties: Vec<TokenStream>,
     criticals: Vec<TokenStream>,
     builders: Vec<TokenStream>,
+    handlers: Vec<TokenStream>,
 }
 
 impl Parts {
@@ -130,22 +135,11 @@ impl Parts {
     }
 
     fn port(&mut self, ident: &Ident, field: &Field) -> Result<TokenStream> {
-        let (direction, object) = port_type(&field.ty)?;
-        let fifo = fifo_size(field)?;
+        let port = Port::read(ident, field)?;
         let index = self.ports.len();
-        let name = ident.to_string();
-        let description = description(&field.attrs);
-        let method = if direction == "Input" { quote!(data_in) } else { quote!(data_out) };
-        let direction = Ident::new(direction, field.ty.span());
-        self.ports.push(quote! {
-            PortDecl {
-                name: abi_name(#name),
-                direction: Direction::#direction,
-                object: <#object as ::component_sdk::object::CommObject>::DESCRIPTOR,
-                fifo: #fifo,
-                description: abi_name(#description),
-            }
-        });
+        self.ports.push(port.decl());
+        self.handlers.extend(port.dispatch());
+        let method = port.builder();
         Ok(quote!(builder.#method(#index)))
     }
 
@@ -169,40 +163,6 @@ impl Parts {
         });
         Ok(quote!(builder.property(#index)?))
     }
-}
-
-/// `DataIn<T>` or `DataOut<T>`: direction and `T`.
-fn port_type(ty: &Type) -> Result<(&'static str, &Type)> {
-    if let Type::Path(path) = ty
-        && let Some(last) = path.path.segments.last()
-        && let syn::PathArguments::AngleBracketed(arguments) = &last.arguments
-        && let Some(syn::GenericArgument::Type(object)) = arguments.args.first()
-    {
-        if last.ident == "DataIn" {
-            return Ok(("Input", object));
-        }
-        if last.ident == "DataOut" {
-            return Ok(("Output", object));
-        }
-    }
-    Err(Error::new_spanned(ty, "a port is a DataIn<T> or a DataOut<T>"))
-}
-
-fn fifo_size(field: &Field) -> Result<usize> {
-    let mut size = 0;
-    for attr in field.attrs.iter().filter(|attr| attr.path().is_ident("port")) {
-        if matches!(attr.meta, syn::Meta::Path(_)) {
-            continue;
-        }
-        attr.parse_nested_meta(|meta| {
-            if !meta.path.is_ident("fifo") {
-                return Err(meta.error("known here: fifo = 8"));
-            }
-            size = meta.value()?.parse::<LitInt>()?.base10_parse()?;
-            Ok(())
-        })?;
-    }
-    Ok(size)
 }
 
 struct PropertyAttr {

@@ -2,6 +2,7 @@
 
 mod comm_object;
 mod component;
+mod ports;
 
 use proc_macro::TokenStream;
 use syn::{DeriveInput, parse_macro_input};
@@ -13,7 +14,8 @@ pub fn comm_object(input: TokenStream) -> TokenStream {
 }
 
 /// Makes a struct a component: `#[component(name = "...", version = "...", periodic = "20ms")]`, or `nonperiodic`, or
-/// `passive`; fields with `#[port]`, `#[port(fifo = 8)]`, `#[property(default = ..., unit = "...", range = a..=b)]`,
+/// `passive`; fields with `#[port]`, `#[port(fifo = 8)]`, `#[port(handler = on_query)]`,
+/// `#[property(default = ..., unit = "...", range = a..=b)]`,
 /// `#[critical]`; any other field starts as its `Default`.
 #[proc_macro_derive(Component, attributes(component, port, property, critical))]
 pub fn component(input: TokenStream) -> TokenStream {

@@ -1,8 +1,9 @@
 //! What a plugin exports.
 
 use abi_stable::StableAbi;
-use abi_stable::std_types::{RSlice, RStr, RString};
+use abi_stable::std_types::{ROption, RSlice, RStr, RString};
 
+use super::calls::ServeArgs;
 use super::host::HostApi;
 use super::payload::PortHandle;
 use crate::object::TypeDescriptor;
@@ -72,26 +73,42 @@ pub enum TriggerDecl {
     Passive,
 }
 
+/// How the two ends of a connection deal with each other.
+#[repr(u8)]
+#[derive(StableAbi, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pattern {
+    /// A writer sends values to its readers.
+    Push,
+    /// A client asks a server.
+    Query,
+}
+
 /// Direction of a port.
 #[repr(u8)]
 #[derive(StableAbi, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
-    /// Receives.
+    /// Receives: values, or the requests that a server answers.
     Input,
-    /// Sends.
+    /// Sends: values, or the requests of a client.
     Output,
 }
 
-/// A data port.
+/// A port.
 #[repr(C)]
 #[derive(StableAbi, Clone, Copy)]
 pub struct PortDecl {
     /// Name.
     pub name: RStr<'static>,
+    /// Pattern.
+    pub pattern: Pattern,
     /// Direction.
     pub direction: Direction,
-    /// What it carries.
+    /// What it carries; the request of a query.
     pub object: &'static TypeDescriptor,
+    /// The answer of a query.
+    pub answer: ROption<&'static TypeDescriptor>,
+    /// The component has a handler for what comes in.
+    pub handler: bool,
     /// Size of the FIFO of an input; 0: keeps the newest only.
     pub fifo: usize,
     /// Documentation of the field.
@@ -168,6 +185,7 @@ pub enum Hook {
     Reset,
     Recover,
     Rehearse,
+    Serve,
 }
 
 /// What a callback is entered with.
@@ -182,6 +200,8 @@ pub struct CallArgs<'a> {
     pub now_ns: u64,
     /// The fault that led here, for `Error` and `Recover`.
     pub fault: FaultArgs<'a>,
+    /// What is to be served, for `Serve`.
+    pub serve: ServeArgs,
 }
 
 /// A fault as `on_error` and `recover` get it.

@@ -12,6 +12,7 @@ use abi_stable::prefix_type::PrefixTypeTrait;
 use abi_stable::std_types::{RStr, RString};
 use abi_stable::type_layout::TypeLayout;
 
+use super::calls::Incoming;
 use super::class::{
     CallArgs, CallStatus, ComponentClass, CreateArgs, CreateResult, Hook, PluginModule, PluginModuleRef,
 };
@@ -155,6 +156,7 @@ fn enter<T: Callbacks>(component: &mut T, args: &CallArgs<'_>) -> Outcome {
         Hook::Reset => component.reset(cx),
         Hook::Recover => component.recover(cx, &fault),
         Hook::Rehearse => component.rehearse(cx),
+        Hook::Serve => component.serve(cx, &Incoming::new(&args.serve)),
     }
 }
 

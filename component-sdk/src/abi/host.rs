@@ -8,11 +8,12 @@ use std::sync::atomic::{AtomicPtr, Ordering};
 use abi_stable::StableAbi;
 use abi_stable::std_types::{RSlice, RStr};
 
+use super::calls::CallApi;
 use super::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 
 /// The functions of the daemon.
 ///
-/// None of them blocks, allocates on the path of data, or holds a lock while it touches the plugin's memory.
+/// None of them blocks a thread, allocates on the path of data, or holds a lock while it touches the plugin's memory.
 #[repr(C)]
 #[derive(StableAbi, Clone, Copy)]
 pub struct HostApi {
@@ -42,6 +43,8 @@ pub struct HostApi {
     pub safe_output: extern "C" fn(fd: i32, bytes: RSlice<'_, u8>),
     /// Suspends the callback for that many nanoseconds; false: it was ended before, or may not wait.
     pub sleep: extern "C" fn(nanos: u64) -> bool,
+    /// Queries.
+    pub calls: CallApi,
 }
 
 static HOST: AtomicPtr<HostApi> = AtomicPtr::new(std::ptr::null_mut());
@@ -74,6 +77,7 @@ static DETACHED: HostApi = HostApi {
     read: detached::read,
     safe_output: detached::safe_output,
     sleep: detached::sleep,
+    calls: CallApi::CLOSED,
 };
 
 mod detached {

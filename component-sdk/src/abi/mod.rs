@@ -12,6 +12,9 @@
 //! The root module's own loader of `abi_stable` was tried and left: it opens the library itself and reports less than
 //! the header does when versions differ.
 
+/// Calls crossing the border.
+pub mod calls;
+
 /// What a plugin exports: classes, their ports and properties, the shims.
 pub mod class;
 
@@ -31,4 +34,4 @@ pub mod inject;
 pub mod payload;
 
 /// Version of the binary contract. Anything but growth at the end of a prefix type raises it.
-pub const ABI_VERSION: u32 = 1;
+pub const ABI_VERSION: u32 = 2;

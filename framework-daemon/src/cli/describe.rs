@@ -7,15 +7,17 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
-use component_sdk::abi::class::{Direction, PortDecl, TriggerDecl};
+use component_sdk::abi::class::{Direction, Pattern, PortDecl, TriggerDecl};
 use component_sdk::object::{Kind, TypeDescriptor};
 use quick_xml::escape::escape;
 use serde_json::{Value, json};
 
 use super::Format;
 use super::exit_code::Exit;
+use crate::model::limits::{INBOX_DEFAULT, PENDING_DEFAULT, WAIT};
 use crate::plugin::{Class, Plugin};
 use crate::port::border::HOST;
+use crate::profile::quantity;
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon describe target/release/libavoidance_primary.so\n  \
      framework-daemon describe --format json libcamera.so\n  \
@@ -115,7 +117,48 @@ fn profile(class: &Class) -> String {
 }
 
 fn port(port: &PortDecl) -> String {
-    let usage = if port.direction == Direction::Input { "input" } else { "output" };
+    match port.pattern {
+        Pattern::Push => data_port(port),
+        Pattern::Query => service_port(port),
+    }
+}
+
+fn service_port(port: &PortDecl) -> String {
+    let settings = if port.direction == Direction::Input {
+        format!("<queue_size>{INBOX_DEFAULT}</queue_size>")
+    } else {
+        let timeout = quantity::format_duration(WAIT);
+        format!(
+            "<pending>{PENDING_DEFAULT}</pending>\n      <timeout>{timeout}</timeout>\n      <on_gone>fail</on_gone>"
+        )
+    };
+    format!(
+        "    <service_port>\n      <name>{}</name>\n      <usage>{}</usage>\n      <type>{}</type>\n      \
+         <description>{}</description>\n      {settings}\n    </service_port>\n",
+        port.name,
+        usage(port),
+        escape(call_type(port).as_str()),
+        escape(port.description.as_str())
+    )
+}
+
+/// What is asked and what is answered, as the name of an interface.
+fn call_type(port: &PortDecl) -> String {
+    let answer = port.answer.into_option().map_or("nothing", |answer| answer.name.as_str());
+    format!("{} to {answer}", port.object.name)
+}
+
+fn usage(port: &PortDecl) -> &'static str {
+    match (port.pattern, port.direction) {
+        (Pattern::Push, Direction::Input) => "input",
+        (Pattern::Push, Direction::Output) => "output",
+        (Pattern::Query, Direction::Input) => "provided",
+        (Pattern::Query, Direction::Output) => "required",
+    }
+}
+
+fn data_port(port: &PortDecl) -> String {
+    let usage = usage(port);
     let queue = match (port.direction, port.fifo) {
         (Direction::Output, _) => String::new(),
         (Direction::Input, 0) => "\n      <queueing_policy>LAST</queueing_policy>".into(),
@@ -135,7 +178,10 @@ fn port(port: &PortDecl) -> String {
 /// The objects of the ports as an OPRoS `data_type`, each once.
 fn data_types(ports: &[PortDecl]) -> String {
     let mut seen: Vec<&TypeDescriptor> = Vec::new();
-    ports.iter().for_each(|port| collect(port.object, &mut seen));
+    for port in ports {
+        collect(port.object, &mut seen);
+        port.answer.into_option().into_iter().for_each(|answer| collect(answer, &mut seen));
+    }
     if seen.is_empty() {
         return String::new();
     }
@@ -175,11 +221,21 @@ fn type_name(object: &TypeDescriptor) -> String {
 fn object(class: &Class) -> Value {
     let decl = &class.exported().decl;
     let plugin = class.plugin();
-    let ports: Vec<Value> = decl.ports.iter().map(|port| {
-        json!({"name": port.name.as_str(), "usage": if port.direction == Direction::Input { "input" } else { "output" },
+    let ports: Vec<Value> = decl
+        .ports
+        .iter()
+        .map(|port| {
+            let mut described = json!({"name": port.name.as_str(), "usage": usage(port),
             "object": port.object.name.as_str(), "size": port.object.size, "fifo": port.fifo,
-            "layout": format!("{:016x}", port.object.layout_hash), "description": port.description.as_str()})
-    }).collect();
+            "layout": format!("{:016x}", port.object.layout_hash), "description": port.description.as_str()});
+            if let Some(answer) = port.answer.into_option() {
+                described["answer"] = json!(answer.name.as_str());
+                described["answer_size"] = json!(answer.size);
+                described["answer_layout"] = json!(format!("{:016x}", answer.layout_hash));
+            }
+            described
+        })
+        .collect();
     let properties: Vec<Value> = decl.properties.iter().map(|property| {
         json!({"name": property.name.as_str(), "type": property.kind.opros_name(), "default": property.default.as_str(),
             "unit": property.unit.as_str(), "min": finite(property.min), "max": finite(property.max),

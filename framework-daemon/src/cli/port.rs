@@ -109,10 +109,31 @@ fn ports(rows: &[Value]) -> Vec<String> {
 }
 
 fn describe(answer: &Value) -> Vec<String> {
-    let names = ["slot", "port", "direction", "type", "connections", "policy", "received", "dropped", "waiting"];
-    let mut lines = fields(&answer["port"], &names);
-    lines.push("layout".to_owned());
-    layout(&answer["layout"], "", &mut lines);
+    let names = [
+        "slot",
+        "port",
+        "direction",
+        "type",
+        "connections",
+        "policy",
+        "received",
+        "dropped",
+        "waiting",
+        "asked",
+        "failed",
+        "in_hand",
+        "refused",
+    ];
+    // Each kind of port counts something else.
+    let told: Vec<&str> = names.into_iter().filter(|name| !answer["port"][*name].is_null()).collect();
+    let mut lines = fields(&answer["port"], &told);
+    let carried = &answer["layout"];
+    let parts = ["request", "answer"].into_iter().filter(|part| carried.get(part).is_some());
+    let parts: Vec<(&str, &Value)> = parts.map(|part| (part, &carried[part])).collect();
+    for (heading, object) in if parts.is_empty() { vec![("layout", carried)] } else { parts } {
+        lines.push(heading.to_owned());
+        layout(object, "", &mut lines);
+    }
     lines
 }
 

@@ -47,7 +47,7 @@ impl Sight {
             Method::ListPorts(None) => json!({"ports": self.all_ports()}),
             Method::ListPorts(Some(slot)) => {
                 let directory = self.directory(slot)?;
-                json!({"ports": views::ports(stream::entry(&directory, slot)?)})
+                json!({"ports": views::ports(stream::entry(&directory, slot)?, &directory.wires())})
             }
             Method::DescribePort(name) => self.port(name)?,
             Method::ListFaults(slot, last) => {
@@ -85,18 +85,17 @@ impl Sight {
 
     fn all_ports(&self) -> Vec<Value> {
         let Some(directory) = self.board.newest() else { return Vec::new() };
-        directory.entries.iter().flat_map(views::ports).collect()
+        let wires = directory.wires();
+        directory.entries.iter().flat_map(|entry| views::ports(entry, &wires)).collect()
     }
 
     fn port(&self, name: &PortName) -> Result<Value, Refusal> {
         let directory = self.directory(&name.slot)?;
         let entry = stream::entry(&directory, &name.slot)?;
-        let found = views::ports(entry).into_iter().find(|port| port["port"] == *name.port);
-        let input = entry.slot.input(&name.port).map(|port| port.object);
-        let object = input.or_else(|| entry.slot.output(&name.port).map(|port| port.object));
-        let (port, object) =
-            found.zip(object).ok_or_else(|| Refusal::NoSuchPort(name.clone(), entry.missing(&name.port)))?;
-        Ok(json!({"port": port, "layout": views::layout(object)}))
+        let found = views::ports(entry, &directory.wires()).into_iter().find(|port| port["port"] == *name.port);
+        let missing = || Refusal::NoSuchPort(name.clone(), entry.missing(&name.port));
+        let (port, layout) = found.zip(views::port_layout(&entry.slot, &name.port)).ok_or_else(missing)?;
+        Ok(json!({"port": port, "layout": layout}))
     }
 }
 

@@ -1,5 +1,5 @@
-//! What the control socket looks at: the slots that run, with their ports and connections, as they were at the last boot or
-//! reload. Counters and states in it are live.
+//! What the control socket looks at: the slots that run, as they were at the last boot or reload. Counters, states and
+//! connections in it are live.
 //!
 //! The last holder of a slot frees values that plugins made, by code of theirs; so that this is never the control thread, the
 //! main loop keeps every directory that it replaced until nobody else holds it.
@@ -11,7 +11,6 @@ use std::time::{Duration, Instant};
 
 use crate::exec::slot::Slot;
 use crate::exec::workshop::Shelf;
-use crate::port::input::InPort;
 use crate::profile::plan::{Plan, SlotPlan};
 use crate::profile::suggest;
 use crate::supervise::system::System;
@@ -30,10 +29,6 @@ pub struct Entry {
     pub slot: Arc<Slot>,
     /// Its spares.
     pub shelf: Arc<Shelf>,
-    /// For each input, who writes to it.
-    pub writers: Vec<Vec<End>>,
-    /// For each output, who reads it.
-    pub readers: Vec<Vec<End>>,
     plan: usize,
 }
 
@@ -53,19 +48,16 @@ impl std::fmt::Display for End {
 }
 
 impl Directory {
-    /// Of what runs now. Only for the thread that may drop slots: it looks at connections.
+    /// Of what runs now.
     #[must_use]
     pub fn of(system: &System) -> Self {
         let plans: HashMap<&str, usize> =
             system.plan.slots.iter().enumerate().map(|(place, plan)| (plan.name.as_str(), place)).collect();
         let entry = |placed: &crate::supervise::system::Placed| {
             let plan = *plans.get(placed.slot.name)?;
-            let (slot, shelf) = (Arc::clone(&placed.slot), Arc::clone(&placed.shelf));
-            let (writers, readers) = (vec![Vec::new(); slot.inputs.len()], vec![Vec::new(); slot.outputs.len()]);
-            Some(Entry { slot, shelf, writers, readers, plan })
+            Some(Entry { slot: Arc::clone(&placed.slot), shelf: Arc::clone(&placed.shelf), plan })
         };
-        let mut entries: Vec<Entry> = system.slots.iter().filter_map(entry).collect();
-        connect(&mut entries);
+        let entries: Vec<Entry> = system.slots.iter().filter_map(entry).collect();
         let places = entries.iter().enumerate().map(|(place, entry)| (entry.slot.name, place)).collect();
         Self { entries, plan: Arc::clone(&system.plan), places }
     }
@@ -92,36 +84,73 @@ impl Directory {
 }
 
 impl Entry {
+    fn port_names(&self) -> Vec<&str> {
+        let slot = &self.slot;
+        let data = slot.inputs.iter().map(|port| &port.name).chain(slot.outputs.iter().map(|port| &port.name));
+        let services =
+            slot.requestors.iter().map(|port| &port.name).chain(slot.providers.iter().map(|port| &port.name));
+        data.chain(services).map(String::as_str).collect()
+    }
+
     /// Why the slot has no port of that name, with the way out.
     #[must_use]
     pub fn missing(&self, name: &str) -> String {
-        let inputs = self.slot.inputs.iter().map(|port| port.name.as_str());
-        let known: Vec<&str> = inputs.chain(self.slot.outputs.iter().map(|port| port.name.as_str())).collect();
+        let known = self.port_names();
         let slot = self.slot.name;
         let hint = suggest::hint(name, &known, |name| format!("`{slot}.{name}`"));
         format!("slot `{slot}` has no port `{name}`; {}", hint.unwrap_or_else(|| "it has no ports".to_owned()))
     }
 }
 
-/// Fills in both sides of every connection.
-fn connect(entries: &mut [Entry]) {
-    let mut inputs: HashMap<*const InPort, (usize, usize)> = HashMap::new();
-    for (place, entry) in entries.iter().enumerate() {
-        inputs.extend(entry.slot.inputs.iter().enumerate().map(|(port, input)| (Arc::as_ptr(input), (place, port))));
+/// Who is connected with whom, at one moment.
+pub struct Wires(HashMap<usize, Vec<End>>);
+
+impl Wires {
+    /// The other ends of a port's connections.
+    #[must_use]
+    pub fn of<P>(&self, port: &Arc<P>) -> &[End] {
+        self.0.get(&address(Arc::as_ptr(port))).map(Vec::as_slice).unwrap_or_default()
     }
-    let mut found = Vec::new();
-    for (place, entry) in entries.iter().enumerate() {
-        for (port, output) in entry.slot.outputs.iter().enumerate() {
-            let targets = output.links().into_iter().filter_map(|link| inputs.get(&Arc::as_ptr(&link.target)).copied());
-            found.extend(targets.map(|target| ((place, port), target)));
+
+    fn join(&mut self, (one, one_end): (usize, &End), (other, other_end): (usize, &End)) {
+        self.0.entry(one).or_default().push(other_end.clone());
+        self.0.entry(other).or_default().push(one_end.clone());
+    }
+}
+
+fn address<P>(port: *const P) -> usize {
+    port.addr()
+}
+
+impl Directory {
+    /// Who is connected with whom now: connections change at run time. No port is dropped by looking: the slots of both ends
+    /// are held here.
+    #[must_use]
+    pub fn wires(&self) -> Wires {
+        let mut wires = Wires(HashMap::new());
+        let mut served: HashMap<usize, End> = HashMap::new();
+        for Entry { slot, .. } in &self.entries {
+            let end = |port: &str| End { slot: slot.name, port: port.to_owned() };
+            served.extend(slot.inputs.iter().map(|port| (address(Arc::as_ptr(port)), end(&port.name))));
+            served.extend(slot.providers.iter().map(|port| (address(Arc::as_ptr(port)), end(&port.name))));
         }
-    }
-    for ((writer, output), (reader, input)) in found {
-        let (from, to) = (&entries[writer].slot, &entries[reader].slot);
-        let from = End { slot: from.name, port: from.outputs[output].name.clone() };
-        let to = End { slot: to.name, port: to.inputs[input].name.clone() };
-        entries[writer].readers[output].push(to);
-        entries[reader].writers[input].push(from);
+        for Entry { slot, .. } in &self.entries {
+            let own = |port: &str| End { slot: slot.name, port: port.to_owned() };
+            for port in &slot.outputs {
+                for target in port.links().iter().map(|link| address(Arc::as_ptr(&link.target))) {
+                    if let Some(end) = served.get(&target) {
+                        wires.join((address(Arc::as_ptr(port)), &own(&port.name)), (target, end));
+                    }
+                }
+            }
+            for port in &slot.requestors {
+                let target = address(port.peer());
+                if let Some(end) = served.get(&target) {
+                    wires.join((address(Arc::as_ptr(port)), &own(&port.name)), (target, end));
+                }
+            }
+        }
+        wires
     }
 }
 

@@ -103,8 +103,8 @@ impl Hz {
     /// When the port is gone meanwhile.
     pub(super) fn measure(&mut self, directory: &Directory, now: Instant) -> Result<Value, Refusal> {
         let count = received(directory, &self.name, &self.measured_at)?;
-        // A slot that a reload built anew counts from 0.
-        let values = count.checked_sub(self.before).unwrap_or(count);
+        // A slot that a reload built anew counts from 0: what it got in this window is told in none.
+        let values = count.saturating_sub(self.before);
         let seconds = now.duration_since(self.began).as_secs_f64();
         (self.before, self.began) = (count, now);
         Ok(json!({"rate": {"slot": self.name.slot, "port": self.name.port, "measured_at": self.measured_at.to_string(),
@@ -126,20 +126,26 @@ fn measuring_point(directory: &Directory, name: &PortName) -> Result<End, Refusa
     if entry.slot.input(&name.port).is_some() {
         return Ok(End { slot: entry.slot.name, port: name.port.clone() });
     }
-    let Some(place) = entry.slot.outputs.iter().position(|port| port.name == name.port) else {
-        return Err(Refusal::NoSuchPort(name.clone(), entry.missing(&name.port)));
+    let Some(output) = entry.slot.output(&name.port) else {
+        return Err(no_rate(entry, name));
     };
-    let readers = entry.readers.get(place).map(Vec::as_slice).unwrap_or_default();
-    let writers = |end: &End| {
-        let reader = directory.entry(end.slot)?;
-        let place = reader.slot.inputs.iter().position(|port| port.name == end.port)?;
-        reader.writers.get(place).map(Vec::len)
-    };
-    let best = readers.iter().min_by_key(|end| writers(end).unwrap_or(usize::MAX));
+    let wires = directory.wires();
+    let writers =
+        |end: &&End| directory.entry(end.slot).and_then(|reader| Some(wires.of(reader.slot.input(&end.port)?).len()));
+    let best = wires.of(output).iter().min_by_key(|end| writers(end).unwrap_or(usize::MAX));
     best.cloned().ok_or_else(|| {
         let reason = format!("nobody reads {}.{}: values are counted where they arrive", name.slot, name.port);
         Refusal::NotMeasurable(name.clone(), reason)
     })
+}
+
+fn no_rate(entry: &Entry, name: &PortName) -> Refusal {
+    let (slot, port) = (&entry.slot, &name.port);
+    if slot.requestor(port).is_some() || slot.provider(port).is_some() {
+        let reason = format!("{}.{port} is no data port: `port info` tells how often it was asked", name.slot);
+        return Refusal::NotMeasurable(name.clone(), reason);
+    }
+    Refusal::NoSuchPort(name.clone(), entry.missing(port))
 }
 
 fn received(directory: &Directory, name: &PortName, end: &End) -> Result<u64, Refusal> {

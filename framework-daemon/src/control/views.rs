@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use component_sdk::object::TypeDescriptor;
 use serde_json::{Value, json};
 
-use super::directory::{Directory, End, Entry};
+use super::directory::{Directory, End, Entry, Wires};
 use crate::exec::slot::Slot;
 use crate::exec::workshop::Shelf;
 use crate::fault::ledger::Ledger;
@@ -15,6 +15,8 @@ use crate::model::limits::{LOST_THREADS_MAX, QUARANTINED_MAX, STACK_BYTES};
 use crate::model::time::nanoseconds;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
+use crate::port::pattern::provider::Provider;
+use crate::port::pattern::requestor::Requestor;
 use crate::profile::plan::{Execution, Queue, SlotPlan, Trigger};
 
 /// Columns of the table of slots, in order. Each is a field of [`of_running`].
@@ -111,7 +113,7 @@ pub fn component_details(directory: &Directory, entry: &Entry) -> Value {
     for (name, value) in more.into_iter().filter_map(|fields| fields.as_object().cloned()).flatten() {
         fields[name] = value;
     }
-    fields["ports"] = ports(entry).into();
+    fields["ports"] = ports(entry, &directory.wires()).into();
     fields
 }
 
@@ -143,13 +145,15 @@ fn executor(plan: &SlotPlan) -> &str {
     plan.executor.as_deref().unwrap_or("its own")
 }
 
-/// The ports of a slot, inputs first.
+/// The ports of a slot: inputs, outputs, clients, servers.
 #[must_use]
-pub fn ports(entry: &Entry) -> Vec<Value> {
-    let slot = entry.slot.name;
-    let inputs = entry.slot.inputs.iter().zip(&entry.writers).map(|(port, writers)| input(slot, port, writers));
-    let outputs = entry.slot.outputs.iter().zip(&entry.readers).map(|(port, readers)| output(slot, port, readers));
-    inputs.chain(outputs).collect()
+pub fn ports(entry: &Entry, wires: &Wires) -> Vec<Value> {
+    let slot = &entry.slot;
+    let inputs = slot.inputs.iter().map(|port| input(slot.name, port, wires.of(port)));
+    let outputs = slot.outputs.iter().map(|port| output(slot.name, port, wires.of(port)));
+    let clients = slot.requestors.iter().map(|port| client(slot.name, port, wires.of(port)));
+    let servers = slot.providers.iter().map(|port| server(slot.name, port, wires.of(port)));
+    inputs.chain(outputs).chain(clients).chain(servers).collect()
 }
 
 fn input(slot: &str, port: &InPort, writers: &[End]) -> Value {
@@ -164,8 +168,35 @@ fn output(slot: &str, port: &OutPort, readers: &[End]) -> Value {
         "connections": names(readers)})
 }
 
+fn client(slot: &str, port: &Requestor, servers: &[End]) -> Value {
+    let (asked, failed) = port.counts();
+    json!({"slot": slot, "port": port.name, "direction": "client", "type": exchange(port.request, port.answer),
+        "connections": names(servers), "asked": asked, "failed": failed})
+}
+
+fn server(slot: &str, port: &Provider, clients: &[End]) -> Value {
+    let (waiting, in_hand, refused) = port.counts();
+    json!({"slot": slot, "port": port.name, "direction": "server", "type": exchange(port.request, port.answer),
+        "connections": names(clients), "waiting": waiting, "in_hand": in_hand, "refused": refused})
+}
+
+fn exchange(request: &TypeDescriptor, answer: &TypeDescriptor) -> String {
+    format!("{} -> {}", request.name, answer.name)
+}
+
 fn names(ends: &[End]) -> Vec<String> {
     ends.iter().map(ToString::to_string).collect()
+}
+
+/// The layout of what that port carries; `None`: there is no such port.
+#[must_use]
+pub fn port_layout(slot: &Slot, port: &str) -> Option<Value> {
+    let data = slot.input(port).map(|port| port.object).or_else(|| slot.output(port).map(|port| port.object));
+    let client = || slot.requestor(port).map(|port| (port.request, port.answer));
+    let server = || slot.provider(port).map(|port| (port.request, port.answer));
+    let service = || client().or_else(server);
+    data.map(layout)
+        .or_else(|| service().map(|(request, answer)| json!({"request": layout(request), "answer": layout(answer)})))
 }
 
 fn policy(queue: Queue) -> String {

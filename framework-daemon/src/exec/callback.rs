@@ -1,6 +1,7 @@
 //! The one place where plugin code is entered: on a fiber, with the slot's name set for logs, and with an outcome that
 //! is either "done" or a [`Fault`](crate::model::fault::Fault).
 
+use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
 use super::strand::{self, Pause, Strand};
@@ -28,13 +29,15 @@ pub struct Call<'a> {
     pub fault: FaultArgs<'a>,
     /// The time, where it was looked up just now; 0: not known. To ask takes as long as the way into a callback.
     pub now_ns: u64,
+    /// What is to be served.
+    pub serve: ServeArgs,
 }
 
 impl Call<'_> {
     /// A plain call.
     #[must_use]
     pub const fn plain(hook: Hook) -> Self {
-        Self { hook, inject: 0, fault: FaultArgs::NONE, now_ns: 0 }
+        Self { hook, inject: 0, fault: FaultArgs::NONE, now_ns: 0, serve: ServeArgs::NONE }
     }
 
     /// A plain call at that time, which is now.
@@ -50,7 +53,7 @@ impl Call<'_> {
 /// The fault that ended it.
 pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
     let now_ns = if call.now_ns == 0 { clock::now_ns() } else { call.now_ns };
-    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault };
+    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault, serve: ServeArgs::NONE };
     let deadline_ns = args.now_ns.saturating_add(unit.limits.of(call.hook));
     let instance = &mut unit.instance;
     let mut status = CallStatus::Done;
@@ -78,7 +81,7 @@ pub fn begin(
     call: Call<'static>,
 ) -> Result<Pause, Fault> {
     let now_ns = if call.now_ns == 0 { clock::now_ns() } else { call.now_ns };
-    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault };
+    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault, serve: call.serve };
     let deadline_ns = now_ns.saturating_add(unit.limits.of(call.hook));
     let may_wait = strand::may_wait(call.hook);
     let frame = strand.frame(unit.instance.entry(), args, unit.limits);

@@ -11,11 +11,11 @@ use std::time::Duration;
 use crossbeam_channel::{Receiver, SendError, Sender};
 
 use super::member::{Crew, Member};
+use super::strand::Job;
 use crate::model::fault::FaultSender;
 use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
 use crate::model::time::nanoseconds;
-use crate::port::output;
 use crate::profile::plan::Trigger;
 use crate::sys::bell::{Bell, Ring};
 use crate::sys::fiber_pool::FiberPool;
@@ -191,9 +191,7 @@ impl Run {
     fn until_quit(mut self) {
         loop {
             // The thread may be another one than before.
-            if self.bell.adopt() {
-                output::warm_up();
-            }
+            self.bell.adopt();
             while let Ok(command) = self.inbox.try_recv() {
                 if !self.obey(command) {
                     return;
@@ -343,8 +341,19 @@ impl Run {
             if rings.has(Ring::Wait) {
                 self.go_on(number);
             }
-        } else if rings.has(Ring::Data) && member.trigger == Trigger::Nonperiodic {
-            self.execute(number);
+            return;
+        }
+        if rings.has(Ring::Serve) && member.state() == State::Active {
+            member.serve(&mut self.crew);
+            self.executed(number);
+        }
+        let Some(Some(member)) = self.members.get_mut(number) else { return };
+        if rings.has(Ring::Data) && member.trigger == Trigger::Nonperiodic {
+            if member.strand.waits() {
+                member.strand.hold(Ring::Data);
+            } else {
+                self.execute(number);
+            }
         }
     }
 
@@ -371,7 +380,7 @@ impl Run {
             return;
         }
         member.signal.ring_again(std::mem::take(&mut member.strand.held));
-        if !self.ran.contains(&number) {
+        if member.strand.job != Job::Serve && !self.ran.contains(&number) {
             self.ran.push(number);
         }
     }

@@ -9,6 +9,7 @@ use component_sdk::abi::class::Hook;
 use super::callback::{self, Call};
 use super::checkpoint::Checkpoint;
 use super::recover::Breath;
+use super::service;
 use super::slot::{Slot, Status};
 use super::strand::{Job, Pause, Strand};
 use super::unit::Unit;
@@ -17,7 +18,7 @@ use crate::model::fault::{Fault, FaultSender};
 use crate::model::ladder::Ladder;
 use crate::model::lifecycle::{Event, State};
 use crate::model::time::nanoseconds;
-use crate::port::output;
+use crate::port::pattern::provider::Openness;
 use crate::profile::plan::{Preload, Trigger};
 use crate::sys::bell::{Ring, Signal};
 use crate::sys::clock;
@@ -102,7 +103,6 @@ impl Member {
     /// The fault of a constructor or of `initialize`, and the class that it belongs to.
     pub fn install(&mut self, crew: &mut Crew) -> Result<(), String> {
         self.prepare_fibers(crew);
-        output::warm_up();
         let unit = self.make(0, crew).map_err(|fault| self.tell("instance", &fault))?;
         unit.open();
         self.unit = Some(unit);
@@ -146,6 +146,7 @@ impl Member {
         if !self.step(Event::Start) {
             return;
         }
+        service::set_blocking(&self.slot, true);
         match self.enter_start(crew) {
             Ok(()) => self.answer_side_report(crew),
             Err(fault) => self.handle(&fault, crew),
@@ -186,15 +187,21 @@ impl Member {
         if self.trigger == Trigger::Nonperiodic && self.slot.inputs.iter().any(|port| port.has_data()) {
             self.signal.ring(Ring::Data);
         }
+        service::set_open(&self.slot, Openness::Serving);
+    }
+
+    /// True where a callback may be entered: what was raised before is answered first.
+    pub(super) fn is_clear(&mut self, crew: &mut Crew) -> bool {
+        if self.early.is_some() {
+            self.answer_early(crew);
+        }
+        self.state() == State::Active
     }
 
     /// `on_execute`, with its outcome counted and a fault answered on the spot.
     pub fn execute(&mut self, crew: &mut Crew) {
-        if self.early.is_some() {
-            self.answer_early(crew);
-            if self.state() != State::Active {
-                return;
-            }
+        if !self.is_clear(crew) {
+            return;
         }
         self.reach_for_spare();
         let inject = self.inject.pop_front().unwrap_or(0);
@@ -228,7 +235,7 @@ impl Member {
     }
 
     /// What follows a stretch of a callback that may wait.
-    fn after(&mut self, result: &Result<Pause, Fault>, began_ns: u64, crew: &mut Crew) {
+    pub(super) fn after(&mut self, result: &Result<Pause, Fault>, began_ns: u64, crew: &mut Crew) {
         match result {
             Ok(Pause::Done) => {
                 let took_ns = self.strand.ran_ns + (clock::now_ns() - began_ns);
@@ -244,6 +251,9 @@ impl Member {
     }
 
     fn finish(&mut self, took_ns: u64, crew: &mut Crew) {
+        if self.strand.job == Job::Serve {
+            return self.served(crew);
+        }
         self.completed(took_ns, crew);
         // It took one value of several: the others are news, too. One that takes nothing is not asked again.
         if let Job::Execute { queued } = self.strand.job
@@ -311,7 +321,7 @@ impl Member {
         }
     }
 
-    fn answer_side_report(&mut self, crew: &mut Crew) {
+    pub(super) fn answer_side_report(&mut self, crew: &mut Crew) {
         if let Some(fault) = callback::side_report() {
             self.handle(&fault, crew);
         }
@@ -320,7 +330,9 @@ impl Member {
     /// `stop`: the slot becomes inactive.
     pub fn stop(&mut self, crew: &mut Crew) {
         self.give_up(crew);
+        service::set_blocking(&self.slot, false);
         self.end_wait(crew);
+        service::set_open(&self.slot, Openness::Stopped);
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
             crew.dispose(&self.slot, unit);
         }

@@ -28,6 +28,9 @@ pub mod prepare;
 /// The local answer to a fault: reset, replace or stop, at once.
 pub mod recover;
 
+/// Requests of other slots.
+mod service;
+
 /// The spare that an executor has at hand.
 mod spare;
 

@@ -11,6 +11,7 @@ use component_sdk::abi::class::{FaultArgs, Hook};
 use super::callback::{self, Call};
 use super::checkpoint::Checkpoint;
 use super::member::{Crew, Member};
+use super::service;
 use super::slot::Status;
 use super::strand::{Job, Pause};
 use super::unit::Unit;
@@ -19,6 +20,7 @@ use crate::model::ladder::Answer;
 use crate::model::lifecycle::{Event, State};
 use crate::model::limits::{BREATH_MAX, BREATH_MIN, BREATHLESS_FAILURES, RECOVERY_STEPS_MAX};
 use crate::model::time::nanoseconds;
+use crate::port::pattern::provider::Openness;
 use crate::profile::plan::Trigger;
 use crate::sys::clock;
 
@@ -249,6 +251,7 @@ impl Member {
     fn succeed(&mut self, unit: Box<Unit>, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
         self.slot.status.set_class(unit.recipe);
         self.unit.iter().for_each(|unit| unit.close());
+        service::change_hands(&self.slot);
         unit.open();
         let old = self.unit.replace(unit);
         let step = match self.restore(crew) {
@@ -372,6 +375,8 @@ impl Member {
             unit.close();
             self.clear(unit, crew);
         }
+        service::set_open(&self.slot, Openness::Gone);
+        service::change_hands(&self.slot);
         self.shelf.retire();
         if let Some(spare) = self.put_spare_down() {
             self.clear(spare, crew);

@@ -8,6 +8,8 @@ use crate::model::lifecycle::State;
 use crate::port::border::PortEnd;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
+use crate::port::pattern::provider::Provider;
+use crate::port::pattern::requestor::Requestor;
 
 /// A named place in an application.
 pub struct Slot {
@@ -17,6 +19,10 @@ pub struct Slot {
     pub inputs: Vec<Arc<InPort>>,
     /// Outputs.
     pub outputs: Vec<Arc<OutPort>>,
+    /// Clients of queries.
+    pub requestors: Vec<Arc<Requestor>>,
+    /// Servers of queries.
+    pub providers: Vec<Arc<Provider>>,
     /// Counters.
     pub status: Status,
 }
@@ -34,10 +40,33 @@ impl Slot {
         self.outputs.iter().find(|port| port.name == name)
     }
 
-    /// The port of that name, either way.
+    /// The client of that name.
+    #[must_use]
+    pub fn requestor(&self, name: &str) -> Option<&Arc<Requestor>> {
+        self.requestors.iter().find(|port| port.name == name)
+    }
+
+    /// The server of that name.
+    #[must_use]
+    pub fn provider(&self, name: &str) -> Option<&Arc<Provider>> {
+        self.providers.iter().find(|port| port.name == name)
+    }
+
+    /// The port of that name, of whatever pattern: what receives, or what sends.
     #[must_use]
     pub fn end(&self, name: &str, input: bool) -> Option<PortEnd> {
-        if input { self.input(name).cloned().map(PortEnd::In) } else { self.output(name).cloned().map(PortEnd::Out) }
+        let data = if input {
+            self.input(name).cloned().map(PortEnd::In)
+        } else {
+            self.output(name).cloned().map(PortEnd::Out)
+        };
+        data.or_else(|| {
+            if input {
+                self.provider(name).cloned().map(PortEnd::Provider)
+            } else {
+                self.requestor(name).cloned().map(PortEnd::Requestor)
+            }
+        })
     }
 }
 

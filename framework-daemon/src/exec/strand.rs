@@ -8,11 +8,12 @@
 
 use std::any::Any;
 
+use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
 use super::unit::Limits;
 use crate::plugin::instance::Entry;
-use crate::sys::bell::Rings;
+use crate::sys::bell::{Ring, Rings};
 use crate::sys::fiber::Errand;
 use crate::sys::fiber_pool::Ticket;
 use crate::sys::{clock, trap};
@@ -31,6 +32,8 @@ pub enum Job {
         /// The slot executes.
         executes: bool,
     },
+    /// The handler of a request.
+    Serve,
     /// None yet.
     #[default]
     None,
@@ -39,7 +42,7 @@ pub enum Job {
 /// True of callbacks in which a component may wait.
 #[must_use]
 pub const fn may_wait(hook: Hook) -> bool {
-    matches!(hook, Hook::Execute)
+    matches!(hook, Hook::Execute | Hook::Serve)
 }
 
 /// How far a callback got.
@@ -81,6 +84,11 @@ impl Strand {
     #[must_use]
     pub fn until_ns(&self) -> Option<u64> {
         self.waiting.as_ref().map(|(_, until_ns)| *until_ns)
+    }
+
+    /// Something is to be looked at when it is done.
+    pub fn hold(&mut self, why: Ring) {
+        self.held = self.held.and(why.into());
     }
 
     pub(super) fn wait(&mut self, ticket: Ticket, until_ns: u64) {
@@ -139,7 +147,7 @@ impl Frame {
             Hook::Start => (0, self.args.now_ns.saturating_add(self.limits.of(self.args.hook))),
             _ => [clock::now_ns(); 2].into(),
         };
-        self.args = CallArgs { hook, inject: 0, now_ns, fault: FaultArgs::NONE };
+        self.args = CallArgs { hook, inject: 0, now_ns, fault: FaultArgs::NONE, serve: ServeArgs::NONE };
         trap::rearm(begins_ns.saturating_add(self.limits.of(hook)), may_wait(hook));
         true
     }

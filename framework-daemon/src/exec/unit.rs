@@ -85,9 +85,14 @@ impl Limits {
         match hook {
             Hook::Initialize | Hook::Start => nanoseconds(HANG_AT_START),
             Hook::Stop | Hook::Destroy => nanoseconds(HANG_AT_STOP),
-            Hook::Execute | Hook::Update | Hook::Event | Hook::Error | Hook::Reset | Hook::Recover | Hook::Rehearse => {
-                self.hang_ns
-            }
+            Hook::Execute
+            | Hook::Update
+            | Hook::Event
+            | Hook::Serve
+            | Hook::Error
+            | Hook::Reset
+            | Hook::Recover
+            | Hook::Rehearse => self.hang_ns,
         }
     }
 }

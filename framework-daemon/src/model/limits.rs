@@ -66,6 +66,19 @@ pub const FIFO_SIZE_MAX: usize = 65_536;
 /// Size of a FIFO that states none: OPRoS's own default.
 pub const FIFO_SIZE_DEFAULT: usize = 15;
 
+/// Calls that a client port may have open at once, where its profile says nothing.
+pub const PENDING_DEFAULT: usize = 8;
+/// Most of them.
+pub const PENDING_MAX: usize = 1_024;
+/// Calls that may wait for a server port, where its profile says nothing.
+pub const INBOX_DEFAULT: usize = 64;
+/// Most of them.
+pub const INBOX_MAX: usize = 4_096;
+/// Longest time that a call is waited for, where neither its author nor its profile says.
+pub const WAIT: Duration = Duration::from_secs(1);
+/// Slots that may wait for each other, with those of a reload beside them.
+pub const WAITERS: usize = 2 * SLOTS + 1;
+
 /// Most resets that a restart intensity may allow within its window.
 pub const RESETS_MAX: u32 = 1_000;
 /// Restart intensity of a slot whose rules state none: that many resets
@@ -130,6 +143,8 @@ pub const WAIT_MAX: Duration = Duration::from_secs(7 * 24 * 3600);
 pub const WAITING_FIBERS: usize = 64;
 /// Blocks of an output port beyond those that its readers can hold.
 pub const SPARE_BLOCKS: usize = 2;
+/// Connections of an output that are made at run time before its table grows.
+pub const SPARE_LINKS: usize = 16;
 /// Longest time that `stop` or `destroy` of one component may take.
 pub const SHUTDOWN_STEP: Duration = Duration::from_millis(500);
 /// Longest time that a constructor with `initialize`, or `start`, may take before a boot or reload is given up.

@@ -14,8 +14,11 @@ use component_sdk::abi::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 use component_sdk::port::Sent;
 
 use super::block::Block;
+use super::border_calls;
 use super::input::InPort;
 use super::output::{Borrower, OutPort};
+use super::pattern::provider::Provider;
+use super::pattern::requestor::Requestor;
 use super::table::{self, Claim, Kind, Place};
 use crate::model::limits::HEADROOM_BYTES;
 use crate::plugin::host;
@@ -28,6 +31,23 @@ pub enum PortEnd {
     In(Arc<InPort>),
     /// Sends.
     Out(Arc<OutPort>),
+    /// Asks.
+    Requestor(Arc<Requestor>),
+    /// Answers.
+    Provider(Arc<Provider>),
+}
+
+impl PortEnd {
+    /// The port's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        match self {
+            Self::In(port) => &port.name,
+            Self::Out(port) => &port.name,
+            Self::Requestor(port) => &port.name,
+            Self::Provider(port) => &port.name,
+        }
+    }
 }
 
 /// One instance's access to one port: at rest while the instance stands ready, open while it is in use, closed for good
@@ -48,6 +68,8 @@ impl Binding {
         let (address, kind, scratch) = match &end {
             PortEnd::In(port) => (Arc::as_ptr(port).cast::<()>(), Kind::RestingIn, None),
             PortEnd::Out(port) => (Arc::as_ptr(port).cast(), Kind::RestingOut, Some(Box::new(Block::new(port.object)))),
+            PortEnd::Requestor(port) => (Arc::as_ptr(port).cast(), Kind::RestingCalls, None),
+            PortEnd::Provider(port) => (Arc::as_ptr(port).cast(), Kind::RestingCalls, None),
         };
         let lent = scratch.as_deref().map_or(std::ptr::null(), std::ptr::from_ref);
         place.owner.store(owner, Ordering::Relaxed);
@@ -75,6 +97,11 @@ impl Binding {
         match &self.end {
             Some(PortEnd::In(_)) => self.claim.set(Kind::In),
             Some(PortEnd::Out(_)) => self.claim.set(Kind::Out),
+            Some(PortEnd::Requestor(_)) => self.claim.set(Kind::Requestor),
+            Some(PortEnd::Provider(port)) => {
+                self.claim.set(Kind::Provider);
+                port.bind(self.claim.handle());
+            }
             None => {}
         }
     }
@@ -117,20 +144,24 @@ pub static HOST: HostApi = HostApi {
     read,
     safe_output: host::safe_output,
     sleep: host::sleep,
+    calls: border_calls::API,
 };
 
 /// What a handle leads to.
-enum End<'a> {
+pub(super) enum End<'a> {
     Closed,
     Nowhere,
     Scratch(&'a Block),
     In(&'a InPort),
     Out(&'a OutPort),
+    Idle,
+    Requestor(&'a Requestor),
+    Provider(&'a Provider),
 }
 
 /// Calls `act` with what the handle leads to. The one way in: nothing is locked before it.
 #[inline]
-fn visit<R>(handle: PortHandle, act: impl FnOnce(End<'_>, Borrower) -> R) -> R {
+pub(super) fn visit<R>(handle: PortHandle, act: impl FnOnce(End<'_>, Borrower) -> R) -> R {
     make_sure_of_stack();
     let Some((place, kind)) = table::find(handle) else { return act(End::Closed, Borrower::Other) };
     if kind != Kind::Closed && place.owner.load(Ordering::Relaxed) == seat::entered() {
@@ -163,6 +194,9 @@ unsafe fn end(place: &Place, kind: Kind) -> End<'_> {
             Kind::RestingOut => End::Scratch(&*scratch.cast::<Block>()),
             Kind::In => End::In(&*port.cast::<InPort>()),
             Kind::Out => End::Out(&*port.cast::<OutPort>()),
+            Kind::RestingCalls => End::Idle,
+            Kind::Requestor => End::Requestor(&*port.cast::<Requestor>()),
+            Kind::Provider => End::Provider(&*port.cast::<Provider>()),
         }
     }
 }
@@ -182,8 +216,8 @@ extern "C" fn loan(handle: PortHandle) -> LoanResult {
 }
 
 extern "C" fn publish(handle: PortHandle, value: *mut u8) -> u32 {
-    let sent = visit(handle, |end, _| match end {
-        End::Out(port) => port.publish(value),
+    let sent = visit(handle, |end, borrower| match end {
+        End::Out(port) => port.publish(value, borrower),
         End::Scratch(block) => {
             block.fill(0);
             Sent::Unconnected
@@ -194,16 +228,16 @@ extern "C" fn publish(handle: PortHandle, value: *mut u8) -> u32 {
 }
 
 extern "C" fn give_back(handle: PortHandle, value: *mut u8) {
-    visit(handle, |end, _| match end {
-        End::Out(port) => port.give_back(value),
+    visit(handle, |end, borrower| match end {
+        End::Out(port) => port.give_back(value, borrower),
         End::Scratch(block) => block.fill(0),
         _ => {}
     });
 }
 
 extern "C" fn read(handle: PortHandle, mode: ReadMode) -> ReadResult {
-    visit(handle, |end, _| match end {
-        End::In(port) => port.read(mode),
+    visit(handle, |end, borrower| match end {
+        End::In(port) => port.read(mode, borrower),
         _ => ReadResult::NONE,
     })
 }

@@ -29,9 +29,24 @@ pub(super) enum Kind {
     In,
     /// Output of the instance in use.
     Out,
+    /// Either end of a query, of an instance that stands ready: not connected.
+    RestingCalls,
+    /// Client of the instance in use.
+    Requestor,
+    /// Server of the instance in use.
+    Provider,
 }
 
-const KINDS: [Kind; 5] = [Kind::Closed, Kind::RestingIn, Kind::RestingOut, Kind::In, Kind::Out];
+const KINDS: [Kind; 8] = [
+    Kind::Closed,
+    Kind::RestingIn,
+    Kind::RestingOut,
+    Kind::In,
+    Kind::Out,
+    Kind::RestingCalls,
+    Kind::Requestor,
+    Kind::Provider,
+];
 
 /// One place. A cache line each: neighbours belong to other executors.
 #[derive(Default)]

@@ -9,7 +9,7 @@ use super::component;
 use super::composite::{self, Export};
 use super::diagnostic::Reporter;
 use super::fault_rules::{self, Declared};
-use super::plan::{PortKind, Property, Validity, VotingMethod};
+use super::plan::{OnGone, PortKind, Property, Validity, VotingMethod};
 use super::quantity;
 use super::source::{Spot, Word};
 use super::xml::Element;
@@ -91,6 +91,8 @@ pub struct Connection {
     pub target: End,
     /// Range checks.
     pub validity: Vec<Validity>,
+    /// `<on_gone>`.
+    pub on_gone: Option<OnGone>,
     /// Where the element stands.
     #[serde(skip)]
     pub spot: Spot,
@@ -205,23 +207,37 @@ fn subcomponent(element: &Element, report: &mut Reporter) -> Option<Subcomponent
 fn connection(element: &Element, report: &mut Reporter) -> Option<Connection> {
     let validity = fault_rules::validities(element, report);
     let kind = port_kind(element.value_of("port_type"))?;
-    match kind {
-        PortKind::Data => {}
-        PortKind::Event => report.not_active(element.name_span, "a connection of event ports"),
-        PortKind::Service => report.not_active(element.name_span, "a connection of service ports"),
+    if kind == PortKind::Event {
+        report.not_active(element.name_span, "a connection of event ports");
     }
     if kind != PortKind::Data
         && let Some(found) = element.child("validity")
     {
         report.error(found.name_span, "<validity> belongs to a connection of data ports");
     }
+    if kind != PortKind::Service
+        && let Some(found) = element.child("on_gone")
+    {
+        report.error(found.name_span, "<on_gone> belongs to a connection of service ports");
+    }
     Some(Connection {
         kind,
         source: end(element.child("source")?, report)?,
         target: end(element.child("target")?, report)?,
         validity,
+        on_gone: on_gone(element),
         spot: report.spot(element.name_span),
     })
+}
+
+/// Reads `<on_gone>`.
+#[must_use]
+pub fn on_gone(parent: &Element) -> Option<OnGone> {
+    match parent.text_of("on_gone") {
+        "retry" => Some(OnGone::Retry),
+        "fail" => Some(OnGone::Fail),
+        _ => None,
+    }
 }
 
 /// The kind of port that a `port_type` names.

@@ -6,11 +6,12 @@ use std::time::Duration;
 
 use serde::Serialize;
 
+use super::application::on_gone;
 use super::diagnostic::{Diagnostic, Level, Reporter};
 use super::fault_rules;
 use super::plan::{
-    ComponentPlan, DataPortPlan, Deadline, EventPortPlan, Execution, Overflow, Policy, Property, Queue, Schedule,
-    ServicePortPlan, Trigger, Usage,
+    ComponentPlan, DataPortPlan, Deadline, EventPortPlan, Execution, OnGone, Overflow, Policy, Property, Queue,
+    Schedule, ServicePortPlan, Trigger, Usage,
 };
 use super::quantity;
 use super::source::Span;
@@ -378,6 +379,42 @@ fn service_port(port: &Element, report: &mut Reporter) -> Option<ServicePortPlan
         provided,
         type_name: port.text_of("type").to_owned(),
         reference: port.text_of("reference").to_owned(),
+        queue_size: count(port, "queue_size", provided, limits::INBOX_DEFAULT, report),
+        pending: count(port, "pending", !provided, limits::PENDING_DEFAULT, report),
+        timeout: timeout(port, !provided, report),
+        on_gone: on_gone_of(port, !provided, report),
         location: report.location(port.name_span),
     })
+}
+
+/// The element of that name, where it belongs to this side of a service.
+fn belonging<'a>(port: &'a Element, name: &str, belongs: bool, report: &mut Reporter) -> Option<&'a Element> {
+    let element = port.child(name).filter(|element| !element.text.is_empty())?;
+    if belongs {
+        return Some(element);
+    }
+    let side = if port.text_of("usage") == "provided" { "required" } else { "provided" };
+    report.error(element.name_span, format!("<{name}> belongs to a {side} service"));
+    None
+}
+
+fn count(port: &Element, name: &str, belongs: bool, default: usize, report: &mut Reporter) -> usize {
+    // Its range is the vocabulary's.
+    belonging(port, name, belongs, report).and_then(|element| element.text.parse().ok()).unwrap_or(default)
+}
+
+fn timeout(port: &Element, belongs: bool, report: &mut Reporter) -> Duration {
+    let Some(element) = belonging(port, "timeout", belongs, report) else { return limits::WAIT };
+    match quantity::duration(&element.text) {
+        Ok(time) if !time.is_zero() => return time,
+        Ok(_) => _ = report.error(element.text_span, "a timeout must be more than 0"),
+        // Not a time: `conform` has said so.
+        Err(_) => {}
+    }
+    limits::WAIT
+}
+
+fn on_gone_of(port: &Element, belongs: bool, report: &mut Reporter) -> OnGone {
+    let element = belonging(port, "on_gone", belongs, report);
+    element.and_then(|_| on_gone(port)).unwrap_or_default()
 }

@@ -422,8 +422,27 @@ pub struct ServicePortPlan {
     pub type_name: String,
     /// XML file of the interface, as written.
     pub reference: String,
+    /// Calls that may wait for a provided service.
+    pub queue_size: usize,
+    /// Calls that a required service may have open at once.
+    pub pending: usize,
+    /// Longest time that a call of a required service is waited for, where its author does not say.
+    pub timeout: Duration,
+    /// What becomes of a call of a required service when its provider fails.
+    pub on_gone: OnGone,
     /// Where it was declared.
     pub location: Location,
+}
+
+/// What becomes of a call when its provider fails while it has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OnGone {
+    /// The caller is told.
+    #[default]
+    Fail,
+    /// The provider's successor is asked again.
+    Retry,
 }
 
 /// The pattern of a connection.
@@ -458,6 +477,8 @@ pub struct ConnectionPlan {
     pub target: PortRef,
     /// Range checks on the connection.
     pub validity: Vec<Validity>,
+    /// What becomes of a call when its provider fails; `None`: what the required port says.
+    pub on_gone: Option<OnGone>,
     /// Where it was declared.
     pub location: Location,
 }

@@ -81,6 +81,7 @@ impl Assembler {
             source: source.end.clone(),
             target: target.end.clone(),
             validity: connection.validity.clone(),
+            on_gone: connection.on_gone,
             location: connection.spot.location(),
         };
         let key = (plan.kind, plan.source.clone(), plan.target.clone());

@@ -3,18 +3,25 @@
 
 use std::sync::Arc;
 
-use component_sdk::abi::class::{Direction, PortDecl};
+use component_sdk::abi::class::{Direction, Pattern, PortDecl};
 use component_sdk::object::TypeDescriptor;
 
 use super::catalogue::Catalogue;
 use super::wiring::{at, describe};
 use crate::exec::unit::{Limits, Recipe, Source};
+use crate::model::limits::{INBOX_DEFAULT, PENDING_DEFAULT, WAIT};
 use crate::model::names;
+use crate::model::time::nanoseconds;
 use crate::plugin::{Class, Plugin};
 use crate::port::check::Checks;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
-use crate::profile::plan::{ComponentPlan, DataPortPlan, Overflow, Preload, Property, Queue, SecondaryPlan, SlotPlan};
+use crate::port::pattern::provider::Provider;
+use crate::port::pattern::requestor::{Requestor, Room};
+use crate::port::wait::Waiter;
+use crate::profile::plan::{
+    ComponentPlan, DataPortPlan, OnGone, Overflow, Preload, Property, Queue, SecondaryPlan, ServicePortPlan, SlotPlan,
+};
 
 /// A slot with its classes, before anything of it exists.
 pub struct Blueprint<'a> {
@@ -28,6 +35,10 @@ pub struct Blueprint<'a> {
     pub inputs: Vec<InPort>,
     /// Its output ports.
     pub outputs: Vec<OutPort>,
+    /// Its clients of queries.
+    pub requestors: Vec<Requestor>,
+    /// Its servers of queries.
+    pub providers: Vec<Provider>,
 }
 
 /// Finds the classes of all slots and compiles their ports.
@@ -51,14 +62,25 @@ impl<'a> Blueprint<'a> {
         let class = catalogue.class(&plan.component)?;
         let standbys = plan.rules.secondaries.iter().map(|secondary| standby(secondary, &class, catalogue));
         let standbys = standbys.collect::<Result<_, _>>()?;
-        let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
-        for decl in class.exported().decl.ports.iter() {
-            match decl.direction {
-                Direction::Input => inputs.push(input(decl, &plan.component)?),
-                Direction::Output => outputs.push(output(decl, &plan.component)?),
+        let (inputs, outputs, requestors, providers) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut blueprint = Self { plan, class, standbys, inputs, outputs, requestors, providers };
+        blueprint.add_ports()?;
+        Ok(blueprint)
+    }
+
+    fn add_ports(&mut self) -> Result<(), String> {
+        let component = &self.plan.component;
+        // One for all of its ports: a slot waits, and is waited for, as a whole.
+        let waiter = Waiter::new();
+        for decl in self.class.exported().decl.ports.iter() {
+            match (decl.pattern, decl.direction) {
+                (Pattern::Push, Direction::Input) => self.inputs.push(input(decl, component)?),
+                (Pattern::Push, Direction::Output) => self.outputs.push(output(decl, component)?),
+                (Pattern::Query, Direction::Input) => self.providers.push(provider(decl, component, &waiter)?),
+                (Pattern::Query, Direction::Output) => self.requestors.push(requestor(decl, component, &waiter)?),
             }
         }
-        Ok(Self { plan, class, standbys, inputs, outputs })
+        Ok(())
     }
 
     /// The slot's name.
@@ -115,6 +137,29 @@ fn output(decl: &PortDecl, component: &ComponentPlan) -> Result<OutPort, String>
     Ok(OutPort::new(decl.name.as_str(), decl.object, checks(decl, declared(decl, component))?))
 }
 
+fn service<'p>(decl: &PortDecl, component: &'p ComponentPlan) -> Option<&'p ServicePortPlan> {
+    component.service_ports.iter().find(|port| port.name == decl.name.as_str())
+}
+
+fn answer_of(decl: &PortDecl) -> Result<&'static TypeDescriptor, String> {
+    decl.answer.into_option().ok_or_else(|| format!("port `{}`: a query without an answer", decl.name))
+}
+
+fn requestor(decl: &PortDecl, component: &ComponentPlan, waiter: &Arc<Waiter>) -> Result<Requestor, String> {
+    let declared = service(decl, component);
+    let room = Room {
+        pending: declared.map_or(PENDING_DEFAULT, |port| port.pending),
+        timeout_ns: nanoseconds(declared.map_or(WAIT, |port| port.timeout)),
+        retry: declared.is_some_and(|port| port.on_gone == OnGone::Retry),
+    };
+    Ok(Requestor::new(decl.name.as_str(), decl.object, answer_of(decl)?, room, Arc::clone(waiter)))
+}
+
+fn provider(decl: &PortDecl, component: &ComponentPlan, waiter: &Arc<Waiter>) -> Result<Provider, String> {
+    let room = service(decl, component).map_or(INBOX_DEFAULT, |port| port.queue_size);
+    Ok(Provider::new(decl.name.as_str(), decl.object, answer_of(decl)?, room, Arc::clone(waiter)))
+}
+
 /// A secondary: its class is loaded now unless its preload says otherwise, and must have the primary's ports.
 fn standby(secondary: &SecondaryPlan, primary: &Class, catalogue: &Catalogue) -> Result<(Recipe, Preload), String> {
     let component = Arc::clone(&secondary.component);
@@ -139,8 +184,11 @@ fn standby(secondary: &SecondaryPlan, primary: &Class, catalogue: &Catalogue) ->
 fn same_ports(primary: &Class, secondary: &Class) -> Result<(), String> {
     for port in secondary.exported().decl.ports.iter() {
         let twin = primary.exported().decl.ports.iter().find(|twin| twin.name == port.name);
-        let fits = twin
-            .is_some_and(|twin| twin.direction == port.direction && twin.object.layout_hash == port.object.layout_hash);
+        let layouts =
+            |port: &PortDecl| (port.object.layout_hash, port.answer.into_option().map(|answer| answer.layout_hash));
+        let fits = twin.is_some_and(|twin| {
+            (twin.pattern, twin.direction) == (port.pattern, port.direction) && layouts(twin) == layouts(port)
+        });
         if !fits {
             let (own, name) = (secondary.name(), port.name);
             return Err(format!(

@@ -59,7 +59,8 @@ pub fn boot_unless(
     let catalogue = Catalogue::default().in_directories(directories(&plan, extra));
     let workshop = Workshop::start(faults.clone());
     let workshop = workshop.map_err(|error| BootError::Failed(vec![format!("workshop: no thread: {error}")]))?;
-    let mut system = System { plan, executors: HashMap::new(), slots: Vec::new(), catalogue, workshop, faults };
+    let (executors, slots, registry) = (HashMap::new(), Vec::new(), Arc::default());
+    let mut system = System { plan, executors, slots, registry, catalogue, workshop, faults };
     let plan = Arc::clone(&system.plan);
     let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;
     match bring_up(&mut system, blueprints, given_up) {
@@ -97,8 +98,9 @@ fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>, given_up: &Atom
         system.slots.push(placed);
     }
     let connections = &system.plan.connections;
-    let links = wiring::build(connections, &system.slots).map_err(BootError::Plugins)?;
-    wiring::apply(links, &system.slots);
+    let wiring = wiring::build(&[], connections, &system.slots).map_err(BootError::Plugins)?;
+    wiring::announce(&system.registry, &system.slots);
+    wiring::apply(&wiring, &system.slots);
     rank(&system.slots, connections);
     go_on()?;
     start(&system.slots).map_err(|reason| BootError::Failed(vec![reason]))
@@ -127,7 +129,7 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
 /// A slot as its executor gets it, not installed yet.
 #[must_use]
 pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Member {
-    let Blueprint { plan, class, standbys, inputs, outputs } = blueprint;
+    let Blueprint { plan, class, standbys, inputs, outputs, requestors, providers } = blueprint;
     let standby = |preload| Standby { preload, unit: None };
     let (secondaries, standbys): (Vec<_>, Vec<_>) =
         standbys.into_iter().map(|(recipe, preload)| (recipe, standby(preload))).unzip();
@@ -136,6 +138,8 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         name: names::intern(&plan.name),
         inputs: inputs.into_iter().map(Arc::new).collect(),
         outputs: outputs.into_iter().map(Arc::new).collect(),
+        requestors: requestors.into_iter().map(Arc::new).collect(),
+        providers: providers.into_iter().map(Arc::new).collect(),
         status: Status::new(recipes.iter().map(|recipe| recipe.class_name).collect()),
     });
     let execution = &plan.component.execution;
@@ -143,6 +147,8 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
     if execution.trigger == Trigger::Nonperiodic {
         slot.inputs.iter().for_each(|port| port.listen(Box::new(Doorbell(Arc::clone(&signal)))));
     }
+    slot.requestors.iter().for_each(|port| port.listen(Arc::clone(&signal)));
+    slot.providers.iter().for_each(|port| port.listen(Arc::clone(&signal)));
     let shelf = workshop.shelf(&slot, recipes, plan.rules.ready_spares(), plan.rules.severity.clone());
     let intensity = plan.rules.reset.map(|intensity| (intensity.limit, intensity.within));
     Member {
@@ -256,6 +262,7 @@ mod tests {
             source: end(from),
             target: end(to),
             validity: Vec::new(),
+            on_gone: None,
             location: Location::default(),
         }
     }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use component_sdk::abi::class::Direction;
+use component_sdk::abi::class::{Direction, Pattern};
 
 use crate::plugin::library::{self, Stamp};
 use crate::plugin::{Class, Plugin, discover, probe};
@@ -111,20 +111,44 @@ fn key(file: &Path) -> Result<Key, String> {
 /// Every port of the profile must be one of the class, with the same direction. (Type names are the profile's; layouts
 /// are compared at connection.)
 fn check_ports(component: &ComponentPlan, class: &Class) -> Result<(), String> {
-    let decl = &class.exported().decl;
     for port in &component.data_ports {
         let wanted = if port.usage == Usage::Input { Direction::Input } else { Direction::Output };
-        let found = decl.ports.iter().find(|candidate| candidate.name.as_str() == port.name);
-        match found {
-            Some(candidate) if candidate.direction == wanted => {}
-            Some(_) => return Err(format!("port `{}` has the other direction in the plugin", port.name)),
-            None => {
-                let known: Vec<_> = decl.ports.iter().map(|port| port.name.as_str()).collect();
-                return Err(format!("the plugin's class has no port `{}`; it has: {}", port.name, known.join(", ")));
-            }
-        }
+        check_port(class, &port.name, Pattern::Push, wanted)?;
+    }
+    for port in &component.service_ports {
+        let wanted = if port.provided { Direction::Input } else { Direction::Output };
+        check_port(class, &port.name, Pattern::Query, wanted)?;
     }
     Ok(())
+}
+
+fn check_port(class: &Class, name: &str, pattern: Pattern, direction: Direction) -> Result<(), String> {
+    let ports = class.exported().decl.ports;
+    let Some(found) = ports.iter().find(|candidate| candidate.name.as_str() == name) else {
+        let known: Vec<_> = ports.iter().map(|port| port.name.as_str()).collect();
+        return Err(format!("the plugin's class has no port `{name}`; it has: {}", known.join(", ")));
+    };
+    if found.pattern != pattern {
+        let (is, wanted) = (element(found.pattern), element(pattern));
+        return Err(format!("port `{name}` is a {is} in the plugin, not a {wanted}"));
+    }
+    if found.direction == direction {
+        return Ok(());
+    }
+    let sides = match pattern {
+        Pattern::Push => "has the other direction in the plugin",
+        Pattern::Query if found.direction == Direction::Input => "is provided by the plugin, not required",
+        Pattern::Query => "is required by the plugin, not provided",
+    };
+    Err(format!("port `{name}` {sides}"))
+}
+
+/// What a profile calls a port of that pattern.
+const fn element(pattern: Pattern) -> &'static str {
+    match pattern {
+        Pattern::Push => "<data_port>",
+        Pattern::Query => "<service_port>",
+    }
 }
 
 fn check_properties(component: &ComponentPlan, class: &Class) -> Result<(), String> {

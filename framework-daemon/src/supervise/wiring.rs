@@ -1,4 +1,4 @@
-//! Connections: layouts compared, checks compiled, links built; each output port gets its new set at once.
+//! Connections of plans: layouts compared, checks compiled, each reader given its writers.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -7,46 +7,84 @@ use component_sdk::object::TypeDescriptor;
 use component_sdk::object::path::PathError;
 
 use super::blueprint::Blueprint;
+use super::services::{self, CallLink};
 use super::system::{Placed, by_name};
+use crate::port::border::PortEnd;
 use crate::port::check::Checks;
-use crate::port::output::Link;
-use crate::profile::plan::{ConnectionPlan, Location, PortKind};
+use crate::port::input::InPort;
+use crate::port::registry::{Entry, Registry};
+use crate::port::wiring::{self, Planned};
+use crate::profile::plan::{ConnectionPlan, Location, PortKind, PortRef};
 
-/// New links by slot and output port.
-pub type Wiring = HashMap<(&'static str, String), Vec<Link>>;
+/// What plans say about one reader.
+pub struct Reader {
+    slot: &'static str,
+    input: Arc<InPort>,
+    writers: Vec<Planned>,
+}
 
-/// Builds the links of all data connections; every output port of `slots` has an entry.
+/// All connections of a plan.
+pub struct Wiring {
+    /// Readers that plans speak of.
+    readers: Vec<Reader>,
+    calls: Vec<CallLink>,
+}
+
+/// What the plan says about every reader that it or the one before it speaks of. What nobody speaks of, somebody connected at
+/// run time, and it stays so.
 ///
 /// # Errors
 /// All that is wrong, one text each.
-pub fn build(connections: &[ConnectionPlan], slots: &[Placed]) -> Result<Wiring, Vec<String>> {
-    let mut wiring = Wiring::new();
-    for placed in slots {
-        for port in &placed.slot.outputs {
-            wiring.insert((placed.slot.name, port.name.clone()), Vec::new());
+pub fn build(
+    before: &[ConnectionPlan],
+    connections: &[ConnectionPlan],
+    slots: &[Placed],
+) -> Result<Wiring, Vec<String>> {
+    let names = by_name(slots);
+    let is_data = |connection: &&ConnectionPlan| connection.kind == PortKind::Data;
+    // In the plan's order, which is the order in which a writer serves its readers.
+    let (mut readers, mut places, mut errors) = (Vec::new(), HashMap::new(), Vec::new());
+    for PortRef { slot, port } in connections.iter().chain(before).filter(is_data).map(|connection| &connection.target)
+    {
+        if let Some(placed) = names.get(slot.as_str())
+            && let Some(input) = placed.slot.input(port)
+        {
+            places.entry((slot, port)).or_insert_with(|| {
+                readers.push(Reader { slot: placed.slot.name, input: Arc::clone(input), writers: Vec::new() });
+                readers.len() - 1
+            });
         }
     }
-    let names = by_name(slots);
-    let mut errors = Vec::new();
-    for connection in connections.iter().filter(|connection| connection.kind == PortKind::Data) {
-        match link(connection, &names) {
-            Ok((key, link)) => wiring.entry(key).or_default().push(link),
+    for connection in connections.iter().filter(is_data) {
+        match planned(connection, &names) {
+            Ok(writer) => {
+                let place = places.get(&(&connection.target.slot, &connection.target.port));
+                if let Some(reader) = place.and_then(|place| readers.get_mut(*place)) {
+                    reader.writers.push(writer);
+                }
+            }
             Err(reason) => errors.push(at(&connection.location, &reason)),
         }
     }
-    if errors.is_empty() { Ok(wiring) } else { Err(errors) }
+    let calls = services::build(connections, slots).unwrap_or_else(|wrong| {
+        errors.extend(wrong);
+        Vec::new()
+    });
+    if errors.is_empty() { Ok(Wiring { readers, calls }) } else { Err(errors) }
 }
 
-fn link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<((&'static str, String), Link), String> {
+fn planned(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<Planned, String> {
     let (from, to) = (&connection.source, &connection.target);
-    let source =
-        slots.get(from.slot.as_str()).and_then(|placed| placed.slot.output(&from.port).map(|port| (placed, port)));
+    let source = slots.get(from.slot.as_str()).and_then(|placed| placed.slot.output(&from.port));
     let target = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.input(&to.port));
-    let ((placed, source), target) = source
-        .zip(target)
-        .ok_or_else(|| format!("{}.{} -> {}.{}: no such port", from.slot, from.port, to.slot, to.port))?;
+    let (source, target) = source.zip(target).ok_or_else(|| no_such_port(connection))?;
     let checks = compare(connection, source.object, target.object)?;
-    Ok(((placed.slot.name, from.port.clone()), Link { target: Arc::clone(target), checks: Arc::new(checks) }))
+    Ok(Planned { output: Arc::clone(source), checks: Arc::new(checks) })
+}
+
+pub(super) fn no_such_port(connection: &ConnectionPlan) -> String {
+    let (from, to) = (&connection.source, &connection.target);
+    format!("{}.{} -> {}.{}: no such port", from.slot, from.port, to.slot, to.port)
 }
 
 /// Holds the layouts of both ends against each other and compiles the connection's checks.
@@ -72,33 +110,62 @@ pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Ve
     let find = |slot: &str| blueprints.iter().find(|blueprint| blueprint.name() == slot);
     let wrong = |connection: &ConnectionPlan| {
         let (from, to) = (&connection.source, &connection.target);
-        let written = find(&from.slot)?.output_object(&from.port)?;
-        let expected = find(&to.slot)?.input_object(&to.port)?;
-        compare(connection, written, expected).err().map(|reason| at(&connection.location, &reason))
+        let (source, target) = (find(&from.slot)?, find(&to.slot)?);
+        let result = match connection.kind {
+            PortKind::Data => {
+                let (written, expected) = (source.output_object(&from.port)?, target.input_object(&to.port)?);
+                compare(connection, written, expected).map(|_| ())
+            }
+            PortKind::Service => {
+                let client = source.requestors.iter().find(|port| port.name == from.port)?;
+                let server = target.providers.iter().find(|port| port.name == to.port)?;
+                services::compare(connection, (client.request, client.answer), (server.request, server.answer))
+            }
+            PortKind::Event => Ok(()),
+        };
+        result.err().map(|reason| at(&connection.location, &reason))
     };
-    connections.iter().filter(|connection| connection.kind == PortKind::Data).filter_map(wrong).collect()
+    connections.iter().filter_map(wrong).collect()
 }
 
-/// Puts the links in place. A connection that was there before keeps its checks, with what they remember.
-pub fn apply(mut wiring: Wiring, slots: &[Placed]) {
-    for placed in slots {
-        for port in &placed.slot.outputs {
-            let mut links = wiring.remove(&(placed.slot.name, port.name.clone())).unwrap_or_default();
-            let before = port.links();
-            for link in &mut links {
-                let same = |old: &&Link| Arc::ptr_eq(&old.target, &link.target) && old.checks.same_rules(&link.checks);
-                if let Some(old) = before.iter().find(same) {
-                    link.checks = Arc::clone(&old.checks);
-                }
-            }
-            port.connect(links);
+/// Puts the connections in place. One that was there before keeps its checks, with what they remember.
+pub fn apply(wiring: &Wiring, slots: &[Placed]) {
+    for Reader { slot, input, writers } in &wiring.readers {
+        if wiring::set(input, writers).is_err() {
+            complain(slot, &input.name);
         }
     }
+    services::apply(&wiring.calls, slots);
+}
+
+fn complain(slot: &str, port: &str) {
+    tracing::error!("{slot}.{port}: it is being wired all the time, and not as its plan says");
 }
 
 /// Takes all connections off slots that leave: their blocks may have to stay, others' ports not.
 pub fn disconnect(slots: &[Placed]) {
-    slots.iter().flat_map(|placed| &placed.slot.outputs).for_each(|port| port.connect(Vec::new()));
+    for Placed { slot, .. } in slots {
+        let outputs = slot.outputs.iter().map(|port| (&port.name, wiring::detach_all(port)));
+        let inputs = slot.inputs.iter().map(|port| (&port.name, wiring::detach(port)));
+        for (port, _) in outputs.chain(inputs).filter(|(_, detached)| detached.is_err()) {
+            complain(slot.name, port);
+        }
+    }
+    services::disconnect(slots);
+}
+
+/// Tells whoever wires at run time which ports there are.
+pub fn announce(registry: &Registry, slots: &[Placed]) {
+    let entries = slots.iter().flat_map(|Placed { slot, .. }| {
+        let inputs = slot.inputs.iter().cloned().map(PortEnd::In);
+        let data = inputs.chain(slot.outputs.iter().cloned().map(PortEnd::Out));
+        let clients = slot.requestors.iter().cloned().map(PortEnd::Requestor);
+        let ends = data.chain(clients).chain(slot.providers.iter().cloned().map(PortEnd::Provider));
+        ends.map(|end| Entry { slot: slot.name, end })
+    });
+    if registry.set(entries.collect()).is_err() {
+        tracing::error!("the names of the ports are being changed all the time");
+    }
 }
 
 /// What is wrong with a `field` of a `validity`.

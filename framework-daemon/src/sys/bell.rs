@@ -94,6 +94,12 @@ pub enum Ring {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rings(u32);
 
+impl From<Ring> for Rings {
+    fn from(why: Ring) -> Self {
+        Self(why as u32)
+    }
+}
+
 impl Rings {
     /// True when this is one of the reasons.
     #[must_use]
@@ -147,7 +153,7 @@ impl Signal {
 
     /// Has the member looked at.
     pub fn ring(&self, why: Ring) {
-        self.ring_again(Rings(why as u32));
+        self.ring_again(why.into());
     }
 
     /// Has the member looked at for reasons that were taken too early.

@@ -4,6 +4,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, FaultArgs, Hook};
 use framework_daemon::exec::callback::{self, Call};
 use framework_daemon::exec::slot::{Slot, Status};
@@ -55,7 +56,13 @@ pub fn callback(samples: usize) -> (Samples, Samples) {
         samples,
         || _ = black_box(callback::enter(&mut fibers, "bench", &mut guarded, Call::plain(Hook::Execute))),
         || {
-            let args = CallArgs { hook: Hook::Execute, inject: 0, now_ns: clock::now_ns(), fault: FaultArgs::NONE };
+            let args = CallArgs {
+                hook: Hook::Execute,
+                inject: 0,
+                now_ns: clock::now_ns(),
+                fault: FaultArgs::NONE,
+                serve: ServeArgs::NONE,
+            };
             black_box(bare.instance.enter(black_box(&args)));
         },
     )
@@ -68,7 +75,14 @@ fn idle_unit(fibers: &mut FiberPool) -> Box<Unit> {
     let limits = Limits { stack_bytes: STACK, budget_ns: None, hang_ns: 1_000_000_000 };
     let source = Source::Loaded(class);
     let recipe = Recipe { number: 0, class_name: "Diary", source, properties: Vec::new(), limits };
-    let slot = Slot { name: "bench", inputs: Vec::new(), outputs: Vec::new(), status: Status::new(vec!["Diary"]) };
+    let slot = Slot {
+        name: "bench",
+        inputs: Vec::new(),
+        outputs: Vec::new(),
+        requestors: Vec::new(),
+        providers: Vec::new(),
+        status: Status::new(vec!["Diary"]),
+    };
     let parts = recipe.gather(&slot).expect("it has no ports");
     callback::create(fibers, "bench", parts).expect("it has no constructor of its own")
 }

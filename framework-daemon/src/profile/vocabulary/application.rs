@@ -2,8 +2,8 @@
 
 use super::Times::{Many, One, Optional};
 use super::component::{
-    APP_DOMAIN, APP_ROBOT, COLLAPSED, COPYRIGHT, DESCRIPTION, EXECUTION_ENVIRONMENT, ID, LAYOUT, NAME, PROPERTIES,
-    REFERENCE, VERSION,
+    APP_DOMAIN, APP_ROBOT, COLLAPSED, COPYRIGHT, DESCRIPTION, EXECUTION_ENVIRONMENT, ID, LAYOUT, NAME, ON_GONE,
+    PROPERTIES, REFERENCE, VERSION,
 };
 use super::fault::{DEPENDENCY, FAULT_TOLERANCE, MONITOR, REFERENCE_MODEL, VALIDITY, VOTING};
 use super::{Content, ElementRule, Kind, optional, required};
@@ -68,6 +68,7 @@ static PORT_CONNECTION: ElementRule = ElementRule {
         (One, &ElementRule::attributed("target", END, "Input or provided port.")),
         (Many, &ElementRule::noise("bend_points")),
         (Many, &VALIDITY),
+        (Optional, &ON_GONE),
     ],
     content: Content::Elements,
 };

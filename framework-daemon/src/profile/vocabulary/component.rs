@@ -4,6 +4,7 @@
 use super::Times::{Many, One, Optional};
 use super::fault::{MAX_AGE, VALIDITY};
 use super::{Content, ElementRule, Kind, optional, required};
+use crate::model::limits;
 
 /// Left by the editor: a UUID that is not unique.
 pub static ID: ElementRule = ElementRule::text("id", Kind::Text, "Identifier of the editor; not unique, ignored.");
@@ -205,6 +206,13 @@ static EVENT_PORT: ElementRule = ElementRule::parent(
     "A port for events.",
 );
 
+/// What becomes of a call when its provider fails.
+pub static ON_GONE: ElementRule = ElementRule::value(
+    "on_gone",
+    Kind::OneOf(&["fail", "retry"]),
+    "When the provider fails while it has a call: fail tells the caller, retry asks the successor again.",
+);
+
 static SERVICE_PORT: ElementRule = ElementRule::parent(
     "service_port",
     &[
@@ -214,6 +222,27 @@ static SERVICE_PORT: ElementRule = ElementRule::parent(
         (Optional, &REFERENCE),
         (Optional, &DESCRIPTION),
         (Optional, &LAYOUT),
+        (
+            Optional,
+            &ElementRule::text(
+                "queue_size",
+                Kind::Integer(1, limits::INBOX_MAX as i64),
+                "Calls that may wait for a provided service, 64 without it.",
+            ),
+        ),
+        (
+            Optional,
+            &ElementRule::text(
+                "pending",
+                Kind::Integer(1, limits::PENDING_MAX as i64),
+                "Calls that a required service may have open at once, 8 without it.",
+            ),
+        ),
+        (
+            Optional,
+            &ElementRule::text("timeout", Kind::Duration, "Longest time that a call is waited for, 1s without it."),
+        ),
+        (Optional, &ON_GONE),
     ],
     "A port for calls.",
 );

@@ -20,18 +20,22 @@
 //! ```
 #![allow(unsafe_code, reason = "address of unsafe: plays the daemon's side of the border")]
 
+mod calls;
+
 use std::cell::RefCell;
 use std::collections::VecDeque;
 
 use abi_stable::std_types::{RSlice, RStr};
 
-use crate::abi::class::{ClassDecl, CreateArgs, Direction};
+use crate::abi::class::{ClassDecl, CreateArgs, Direction, Pattern};
 use crate::abi::host::{self, HostApi};
 use crate::abi::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 use crate::component::{Callbacks, FaultInfo, Outcome};
 use crate::context::{Context, Level};
 use crate::object::{CommObject, TypeDescriptor};
 use crate::property::Builder;
+
+pub use calls::Asked;
 
 /// A component on the bench: its ports end here.
 pub struct Bench<C> {
@@ -48,6 +52,8 @@ struct BenchPort {
     queue: VecDeque<(*mut u8, u64)>,
     current: Option<(*mut u8, u64)>,
     fifo: bool,
+    answer: Option<&'static TypeDescriptor>,
+    calls: calls::Calls,
 }
 
 thread_local! {
@@ -135,7 +141,9 @@ impl<C: Callbacks> Bench<C> {
     }
 
     fn port<T: CommObject>(&self, name: &str, direction: Direction) -> &RefCell<BenchPort> {
-        let found = self.decl.ports.iter().position(|port| port.name.as_str() == name && port.direction == direction);
+        let found = self.decl.ports.iter().position(|port| {
+            port.name.as_str() == name && port.direction == direction && port.pattern == Pattern::Push
+        });
         let index = found.unwrap_or_else(|| panic!("the class has no {direction:?} port `{name}`"));
         let object = self.decl.ports[index].object;
         assert_eq!(object.layout_hash, T::DESCRIPTOR.layout_hash, "port `{name}` carries {}", object.name);
@@ -162,6 +170,14 @@ impl<C: Callbacks> Bench<C> {
     /// The component's own.
     pub fn execute(&mut self) -> Outcome {
         self.enter(C::on_execute)
+    }
+
+    /// Calls `update`.
+    ///
+    /// # Errors
+    /// The component's own.
+    pub fn update(&mut self) -> Outcome {
+        self.enter(C::update)
     }
 
     /// Calls `rehearse`, as on an instance that is to stand ready.
@@ -213,7 +229,14 @@ impl<C: Callbacks> Bench<C> {
 
 impl BenchPort {
     fn new(decl: &crate::abi::class::PortDecl) -> Self {
-        Self { object: decl.object, queue: VecDeque::new(), current: None, fifo: decl.fifo > 0 }
+        Self {
+            object: decl.object,
+            queue: VecDeque::new(),
+            current: None,
+            fifo: decl.fifo > 0,
+            answer: decl.answer.into_option(),
+            calls: calls::Calls::default(),
+        }
     }
 
     fn read(&mut self, mode: ReadMode) -> ReadResult {
@@ -238,6 +261,7 @@ static BENCH: HostApi = HostApi {
     read,
     safe_output,
     sleep,
+    calls: calls::API,
 };
 
 extern "C" fn clock() -> u64 {

@@ -1,4 +1,4 @@
-//! Typed port ends. A port belongs to its slot, not to the instance: replacing an instance never rewires anything.
+//! Data ports: values from one writer to its readers.
 //!
 //! An input lends what it received (`newest`, `fresh`, `take` borrow the port) and the daemon holds the object
 //! meanwhile. The alternative, a counted handle for each read, costs two atomic operations a read and leaks an object

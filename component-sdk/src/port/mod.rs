@@ -1,0 +1,10 @@
+//! Typed port ends. A port belongs to its slot, not to the instance: replacing an instance never rewires anything.
+//!
+//! One file a pattern. Every operation that may wait ends: by what it waits for, by its deadline, or by a status that
+//! says what came between.
+
+mod data;
+mod query;
+
+pub use data::{DataIn, DataOut, Loan, Sent};
+pub use query::{Answer, Pending, Query, QueryClient, QueryId, QueryServer, Reply, Request};

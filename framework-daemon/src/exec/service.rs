@@ -1,0 +1,49 @@
+//! Requests of other slots: each is answered by a handler, in turn with the slot's other callbacks.
+
+use component_sdk::abi::class::Hook;
+
+use super::callback::Call;
+use super::member::{Crew, Member};
+use super::slot::Slot;
+use super::strand::Job;
+use crate::port::pattern::provider::Openness;
+use crate::sys::bell::Ring;
+use crate::sys::clock;
+
+impl Member {
+    /// Enters the handler of a request, if one waits.
+    pub fn serve(&mut self, crew: &mut Crew) {
+        if !self.is_clear(crew) {
+            return;
+        }
+        let Some(serve) = self.slot.providers.iter().find_map(|port| port.next()) else { return };
+        let now_ns = clock::now_ns();
+        let result = self.undertake(Job::Serve, Call { serve, ..Call::at(Hook::Serve, now_ns) }, crew);
+        self.after(&result, now_ns, crew);
+    }
+
+    /// A handler is done: the next request has its turn after all others that wait for this executor.
+    pub(super) fn served(&mut self, crew: &mut Crew) {
+        self.answer_side_report(crew);
+        if self.slot.providers.iter().any(|port| port.waits()) {
+            self.signal.ring(Ring::Serve);
+        }
+    }
+}
+
+/// The slot's servers answer from now on, or do not.
+pub(super) fn set_open(slot: &Slot, open: Openness) {
+    slot.providers.iter().for_each(|port| port.set_open(open));
+}
+
+/// The slot's callbacks may wait from now on, or may not.
+pub(super) fn set_blocking(slot: &Slot, blocking: bool) {
+    slot.requestors.iter().for_each(|port| port.set_blocking(blocking));
+}
+
+/// The slot's instance is another one from now on: what the last one asked nobody waits for, and what it had in hand is
+/// over, or asked again.
+pub(super) fn change_hands(slot: &Slot) {
+    slot.requestors.iter().for_each(|port| port.close_calls());
+    slot.providers.iter().for_each(|port| port.fail());
+}

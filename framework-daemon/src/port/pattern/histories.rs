@@ -1,0 +1,512 @@
+//! Histories of calls against a model, and every way in which a wait ends. The test plays both plugins and the executor.
+#![cfg(test)]
+#![allow(unsafe_code, reason = "the test plays the plugins, which write and read through the pointers")]
+
+use std::cell::RefCell;
+use std::sync::Arc;
+
+use component_sdk::abi::calls::Wait;
+use component_sdk::object::CommObject;
+use component_sdk::status::Status;
+use proptest::prelude::*;
+
+use super::provider::{Openness, Provider};
+use super::requestor::{Requestor, Room};
+use crate::port::wait::{NotHere, Waiter};
+use crate::sys::clock;
+
+const PENDING: usize = 3;
+
+fn requestor(waiter: &Arc<Waiter>) -> Requestor {
+    let room = Room { pending: PENDING, timeout_ns: 1_000_000_000, retry: false };
+    Requestor::new("scan", u64::DESCRIPTOR, u64::DESCRIPTOR, room, Arc::clone(waiter))
+}
+
+fn provider(room: usize) -> Arc<Provider> {
+    Arc::new(Provider::new("scans", u64::DESCRIPTOR, u64::DESCRIPTOR, room, Waiter::new()))
+}
+
+/// A connected pair, serving.
+fn pair() -> (Requestor, Arc<Provider>) {
+    let (client, server) = (requestor(&Waiter::new()), provider(4));
+    server.set_open(Openness::Serving);
+    client.connect(&server, None).unwrap();
+    (client, server)
+}
+
+fn request(client: &Requestor, number: u64) -> Result<u64, Status> {
+    let lent = client.loan();
+    if lent.status != 0 {
+        return Err(Status::from_code(lent.status));
+    }
+    // SAFETY: lent for a `u64`, to this borrower.
+    unsafe { lent.value.cast::<u64>().write(number) };
+    client.send(lent.id).map(|()| lent.id)
+}
+
+fn never(_: u64) -> Result<(), NotHere> {
+    panic!("nobody is to wait here")
+}
+
+fn receive(client: &Requestor, id: u64, wait: Wait, park: impl Fn(u64) -> Result<(), NotHere>) -> Result<u64, Status> {
+    let lent = client.receive(id, wait, park);
+    if lent.status != 0 {
+        return Err(Status::from_code(lent.status));
+    }
+    // SAFETY: an answer, lent until it is released.
+    let answer = unsafe { *lent.value.cast::<u64>() };
+    client.release(id);
+    Ok(answer)
+}
+
+/// Serves one call, whose answer is the request and one.
+fn answer(server: &Provider, id: u64) -> Result<(), Status> {
+    let opened = server.opened(id);
+    let lent = server.answer_loan(id);
+    if lent.status == 0 {
+        // SAFETY: both are lent for a `u64`.
+        unsafe { lent.value.cast::<u64>().write(*opened.value.cast::<u64>() + 1) };
+    }
+    server.answer(id)
+}
+
+fn serve(server: &Provider) -> Result<(), Status> {
+    server.next().map_or(Err(Status::NoData), |call| answer(server, call.id))
+}
+
+#[test]
+fn many_are_pending_and_received_in_any_order() {
+    let (client, server) = pair();
+    let ids: Vec<u64> = (0..3).map(|number| request(&client, number).unwrap()).collect();
+    assert_eq!(request(&client, 9), Err(Status::Overload), "the table is full");
+    assert_eq!(receive(&client, ids[0], Wait::NONE, never), Err(Status::NoData));
+    while serve(&server).is_ok() {}
+    for number in [2, 0, 1] {
+        assert_eq!(receive(&client, ids[number], Wait::DEFAULT, never), Ok(number as u64 + 1));
+        assert_eq!(receive(&client, ids[number], Wait::DEFAULT, never), Err(Status::WrongId));
+    }
+    assert!(request(&client, 9).is_ok());
+}
+
+#[test]
+fn each_way_in_which_a_wait_ends() {
+    type Meanwhile = fn(&Requestor, &Provider);
+    let ways: [(Result<u64, Status>, bool, Meanwhile); 8] = [
+        (Ok(6), false, |_, server| serve(server).unwrap()),
+        (Err(Status::Cancelled), true, |client, _| client.blocking(false)),
+        (Err(Status::Cancelled), true, |client, _| {
+            client.set_blocking(false);
+            client.set_blocking(true);
+        }),
+        (Err(Status::Disconnected), false, |client, _| client.disconnect()),
+        (Err(Status::ProviderStopped), false, |_, server| server.set_open(Openness::Stopped)),
+        (Err(Status::ProviderReplaced), false, |_, server| server.replace()),
+        (Err(Status::ProviderGone), false, |_, server| {
+            server.next().unwrap();
+            server.fail();
+        }),
+        (Err(Status::Error), false, |_, server| {
+            let call = server.next().unwrap();
+            server.refuse(call.id, Status::Error).unwrap();
+        }),
+    ];
+    for (expected, id_stays, meanwhile) in ways {
+        let (client, server) = pair();
+        let id = request(&client, 5).unwrap();
+        let park = |_: u64| {
+            meanwhile(&client, &server);
+            Ok(())
+        };
+        assert_eq!(receive(&client, id, Wait::DEFAULT, park), expected);
+        let after = receive(&client, id, Wait::NONE, never);
+        assert_eq!(after, Err(if id_stays { Status::NoData } else { Status::WrongId }), "after {expected:?}");
+        if id_stays {
+            client.blocking(true);
+            assert_eq!(serve(&server), Ok(()));
+            assert_eq!(receive(&client, id, Wait::DEFAULT, never), Ok(6), "nothing was consumed");
+        }
+    }
+}
+
+#[test]
+fn a_wait_ends_by_its_deadline_and_keeps_its_id_and_a_query_does_not() {
+    let (client, server) = pair();
+    let sleep = |until_ns: u64| {
+        while clock::now_ns() < until_ns {}
+        Ok(())
+    };
+    let id = request(&client, 1).unwrap();
+    assert_eq!(receive(&client, id, Wait(1_000), sleep), Err(Status::Timeout));
+    serve(&server).unwrap();
+    assert_eq!(receive(&client, id, Wait(1_000), never), Ok(2));
+    let lent = client.loan();
+    assert_eq!(client.ask(lent.id, Wait(1_000), sleep).status, Status::Timeout.code());
+    assert_eq!(client.discard(lent.id), Err(Status::WrongId));
+    assert_eq!(serve(&server), Err(Status::NoData), "nobody wants it any more");
+}
+
+#[test]
+fn data_wins_over_the_gate_and_over_a_disconnection() {
+    let (client, server) = pair();
+    let (one, two) = (request(&client, 1).unwrap(), request(&client, 2).unwrap());
+    serve(&server).unwrap();
+    client.blocking(false);
+    assert_eq!(receive(&client, one, Wait::DEFAULT, never), Ok(2));
+    assert_eq!(receive(&client, two, Wait::DEFAULT, never), Err(Status::Cancelled), "at once, and a level");
+    serve(&server).unwrap();
+    client.disconnect();
+    assert_eq!(receive(&client, two, Wait::DEFAULT, never), Ok(3));
+    assert_eq!(request(&client, 1), Err(Status::Disconnected));
+}
+
+#[test]
+fn old_numbers_never_revive() {
+    let (client, server) = pair();
+    let id = request(&client, 1).unwrap();
+    let held = server.next().unwrap().id;
+    client.disconnect();
+    client.connect(&server, None).unwrap();
+    assert_eq!(answer(&server, held), Err(Status::Disconnected));
+    assert_eq!(answer(&server, held), Err(Status::WrongId), "the entry is gone");
+    assert_eq!(receive(&client, id, Wait::NONE, never), Err(Status::Disconnected));
+    assert_eq!(receive(&client, id, Wait::NONE, never), Err(Status::WrongId));
+}
+
+#[test]
+fn where_nobody_may_wait_the_wait_is_cancelled() {
+    let (client, _server) = pair();
+    let id = request(&client, 1).unwrap();
+    assert_eq!(receive(&client, id, Wait::DEFAULT, |_| Err(NotHere)), Err(Status::Cancelled));
+}
+
+#[test]
+fn a_ring_of_waiting_slots_is_found() {
+    let (one, two) = (Waiter::new(), Waiter::new());
+    let server = |waiter: &Arc<Waiter>| {
+        let server = Arc::new(Provider::new("s", u64::DESCRIPTOR, u64::DESCRIPTOR, 4, Arc::clone(waiter)));
+        server.set_open(Openness::Serving);
+        server
+    };
+    let (first, second) = (server(&one), server(&two));
+    let (asks_second, asks_first, asks_itself) = (requestor(&one), requestor(&two), requestor(&one));
+    asks_second.connect(&second, None).unwrap();
+    asks_first.connect(&first, None).unwrap();
+    asks_itself.connect(&first, None).unwrap();
+    let own = request(&asks_itself, 0).unwrap();
+    assert_eq!(receive(&asks_itself, own, Wait::DEFAULT, never), Err(Status::Cycle));
+    let id = request(&asks_second, 1).unwrap();
+    let park = |_: u64| {
+        // The handler of the second asks back.
+        let held = second.next().unwrap().id;
+        let back = request(&asks_first, 2).unwrap();
+        assert_eq!(receive(&asks_first, back, Wait::DEFAULT, never), Err(Status::Cycle));
+        answer(&second, held).unwrap();
+        Ok(())
+    };
+    assert_eq!(receive(&asks_second, id, Wait::DEFAULT, park), Ok(2));
+}
+
+#[test]
+fn a_failed_provider_is_asked_again_where_the_connection_says_so() {
+    let (client, server) = (requestor(&Waiter::new()), provider(4));
+    server.set_open(Openness::Serving);
+    client.connect(&server, Some(true)).unwrap();
+    let id = request(&client, 5).unwrap();
+    let before = server.next().unwrap();
+    // SAFETY: as in `answer`; the answer is left half-written.
+    unsafe { server.answer_loan(before.id).value.cast::<u64>().write(99) };
+    server.fail();
+    server.set_open(Openness::Starting);
+    assert_eq!(answer(&server, before.id), Err(Status::WrongId), "the number was its predecessor's");
+    assert!(server.waits());
+    server.set_open(Openness::Serving);
+    let again = server.next().unwrap();
+    assert!(again.id != before.id && again.value == before.value && !server.waits());
+    assert!(!server.answer_loan(again.id).initialised, "what the predecessor left is not looked at");
+    answer(&server, again.id).unwrap();
+    assert_eq!(receive(&client, id, Wait::NONE, never), Ok(6));
+}
+
+#[test]
+fn a_full_inbox_refuses_and_full_hands_take_no_more() {
+    let (clients, server) = ([requestor(&Waiter::new()), requestor(&Waiter::new())], provider(2));
+    server.set_open(Openness::Serving);
+    clients.iter().for_each(|client| client.connect(&server, None).unwrap());
+    request(&clients[0], 1).unwrap();
+    request(&clients[0], 2).unwrap();
+    assert_eq!(request(&clients[1], 3), Err(Status::Overload));
+    let in_hand = [server.next().unwrap().id, server.next().unwrap().id];
+    request(&clients[1], 3).unwrap();
+    assert!(!server.waits() && server.next().is_none());
+    answer(&server, in_hand[0]).unwrap();
+    assert!(server.waits() && server.next().is_some());
+    assert_eq!(server.counts().2, 1);
+}
+
+#[test]
+fn objects_that_differ_are_refused_with_both_sides_and_leave_the_port_disconnected() {
+    let (client, _server) = pair();
+    let other = Arc::new(Provider::new("other", u64::DESCRIPTOR, f64::DESCRIPTOR, 4, Waiter::new()));
+    let refusal = client.connect(&other, None).unwrap_err();
+    assert!(refusal.contains("answer") && refusal.contains("client") && refusal.contains("server"), "{refusal}");
+    assert_eq!(request(&client, 1), Err(Status::Disconnected));
+}
+
+#[derive(Clone, Debug)]
+enum Step {
+    Request(usize),
+    Receive(usize),
+    Discard(usize),
+    Take(usize),
+    Answer(usize),
+    Refuse(usize),
+    Connect(usize, usize, bool),
+    Disconnect(usize),
+    ClientFails(usize),
+    ServerFails(usize),
+    Open(usize, bool),
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    let (client, server, nth) = (0..3usize, 0..2usize, 0..16usize);
+    prop_oneof![
+        6 => client.clone().prop_map(Step::Request),
+        5 => nth.clone().prop_map(Step::Receive),
+        1 => nth.clone().prop_map(Step::Discard),
+        5 => server.clone().prop_map(Step::Take),
+        4 => nth.clone().prop_map(Step::Answer),
+        1 => nth.prop_map(Step::Refuse),
+        2 => (client.clone(), server.clone(), any::<bool>()).prop_map(|(c, s, retry)| Step::Connect(c, s, retry)),
+        1 => client.clone().prop_map(Step::Disconnect),
+        1 => client.prop_map(Step::ClientFails),
+        1 => server.clone().prop_map(Step::ServerFails),
+        1 => (server, any::<bool>()).prop_map(|(s, open)| Step::Open(s, open)),
+    ]
+}
+
+/// A question in the model.
+#[derive(Debug)]
+struct Asked {
+    client: usize,
+    server: usize,
+    id: u64,
+    number: u64,
+    retry: bool,
+    /// Its client has left the connection that it was asked over.
+    left: bool,
+    /// What its server made of it.
+    fate: Option<Result<u64, Status>>,
+}
+
+/// A call in a server's hand.
+#[derive(Debug)]
+struct InHand {
+    server: usize,
+    id: u64,
+    number: u64,
+}
+
+struct World {
+    clients: Vec<Requestor>,
+    servers: Vec<Arc<Provider>>,
+    links: Vec<Option<(usize, bool)>>,
+    asked: Vec<Asked>,
+    in_hand: Vec<InHand>,
+    last: u64,
+}
+
+impl World {
+    fn new() -> Self {
+        let servers = vec![provider(4), provider(4)];
+        servers.iter().for_each(|server| server.set_open(Openness::Serving));
+        let clients = (0..3).map(|_| requestor(&Waiter::new())).collect();
+        Self { clients, servers, links: vec![None; 3], asked: Vec::new(), in_hand: Vec::new(), last: 0 }
+    }
+
+    fn of_number(&mut self, number: u64) -> Option<&mut Asked> {
+        self.asked.iter_mut().find(|asked| asked.number == number)
+    }
+
+    fn take_step(&mut self, step: &Step) {
+        match *step {
+            Step::Request(client) => self.request(client),
+            Step::Receive(nth) if nth < self.asked.len() => self.receive(nth),
+            Step::Discard(nth) if nth < self.asked.len() => {
+                let asked = self.asked.remove(nth);
+                assert_eq!(self.clients[asked.client].discard(asked.id), Ok(()));
+                assert_eq!(self.clients[asked.client].discard(asked.id), Err(Status::WrongId));
+            }
+            Step::Take(server) => self.take(server),
+            Step::Answer(nth) if nth < self.in_hand.len() => self.finish(nth, None),
+            Step::Refuse(nth) if nth < self.in_hand.len() => self.finish(nth, Some(Status::Error)),
+            Step::Connect(client, server, retry) => {
+                if self.links[client].is_none_or(|(before, _)| before != server) {
+                    self.leave(client);
+                }
+                self.clients[client].connect(&self.servers[server], Some(retry)).unwrap();
+                self.links[client] = Some((server, retry));
+            }
+            Step::Disconnect(client) => {
+                self.clients[client].disconnect();
+                self.leave(client);
+                self.links[client] = None;
+            }
+            Step::ClientFails(client) => {
+                self.clients[client].close_calls();
+                self.asked.retain(|asked| asked.client != client);
+            }
+            Step::ServerFails(server) => self.server_fails(server),
+            Step::Open(server, true) => self.servers[server].set_open(Openness::Serving),
+            Step::Open(server, false) => {
+                self.servers[server].set_open(Openness::Stopped);
+                self.in_hand.retain(|held| held.server != server);
+                let open = self.asked.iter_mut().filter(|asked| asked.server == server && asked.fate.is_none());
+                open.for_each(|asked| asked.fate = Some(Err(Status::ProviderStopped)));
+            }
+            _ => {}
+        }
+    }
+
+    fn leave(&mut self, client: usize) {
+        self.asked.iter_mut().filter(|asked| asked.client == client).for_each(|asked| asked.left = true);
+    }
+
+    fn request(&mut self, client: usize) {
+        self.last += 1;
+        match request(&self.clients[client], self.last) {
+            Ok(id) => {
+                let (server, retry) = self.links[client].expect("connected");
+                assert!(self.asked.iter().all(|asked| (asked.client, asked.id) != (client, id)), "given twice");
+                self.asked.push(Asked { client, server, id, number: self.last, retry, left: false, fate: None });
+            }
+            Err(Status::Disconnected) => assert_eq!(self.links[client], None),
+            Err(status) => assert!([Status::Overload, Status::ProviderStopped].contains(&status), "{status:?}"),
+        }
+    }
+
+    fn receive(&mut self, nth: usize) {
+        let asked = &self.asked[nth];
+        let got = receive(&self.clients[asked.client], asked.id, Wait::NONE, never);
+        match (asked.fate, asked.left) {
+            (Some(Ok(answer)), _) => assert_eq!(got, Ok(answer)),
+            // Two reasons at once: either is true.
+            (Some(Err(status)), true) => assert!(got == Err(status) || got == Err(Status::Disconnected)),
+            (Some(Err(status)), false) => assert_eq!(got, Err(status)),
+            (None, true) => assert_eq!(got, Err(Status::Disconnected)),
+            (None, false) => assert_eq!(got, Err(Status::NoData)),
+        }
+        if got != Err(Status::NoData) {
+            let asked = self.asked.remove(nth);
+            let again = receive(&self.clients[asked.client], asked.id, Wait::NONE, never);
+            assert_eq!(again, Err(Status::WrongId), "one end each");
+        }
+    }
+
+    fn take(&mut self, server: usize) {
+        let Some(call) = self.servers[server].next() else { return };
+        // SAFETY: the request of a call in hand.
+        let number = unsafe { *call.value.cast::<u64>() };
+        assert!(self.in_hand.iter().all(|held| held.number != number), "{number} is in hand twice");
+        let asked = self.of_number(number).expect("only what is wanted is served");
+        assert!(asked.server == server && !asked.left && asked.fate.is_none());
+        self.in_hand.push(InHand { server, id: call.id, number });
+    }
+
+    fn finish(&mut self, nth: usize, refusal: Option<Status>) {
+        let InHand { server, id, number } = self.in_hand.remove(nth);
+        let server = &self.servers[server];
+        let result = refusal.map_or_else(|| answer(server, id), |status| server.refuse(id, status));
+        assert_eq!(server.answer(id), Err(Status::WrongId), "answered once");
+        let Some(asked) = self.of_number(number) else { return };
+        assert_eq!(result.is_err(), asked.left);
+        asked.fate = Some(match (result, refusal) {
+            (Err(status), _) | (Ok(()), Some(status)) => Err(status),
+            (Ok(()), None) => Ok(number + 1),
+        });
+    }
+
+    fn server_fails(&mut self, server: usize) {
+        self.servers[server].fail();
+        let in_hand = std::mem::take(&mut self.in_hand);
+        let (lost, kept): (Vec<_>, Vec<_>) = in_hand.into_iter().partition(|held| held.server == server);
+        self.in_hand = kept;
+        for held in lost {
+            assert_eq!(self.servers[server].answer(held.id), Err(Status::WrongId));
+            if let Some(asked) = self.of_number(held.number)
+                && (!asked.retry || asked.left)
+            {
+                asked.fate = Some(Err(Status::ProviderGone));
+            }
+        }
+    }
+
+    /// What is in a server's hand is never written by anybody else.
+    fn check_blocks(&self) {
+        for held in &self.in_hand {
+            let opened = self.servers[held.server].opened(held.id);
+            assert_eq!(opened.status, 0);
+            // SAFETY: as in `take`.
+            assert_eq!(unsafe { *opened.value.cast::<u64>() }, held.number);
+        }
+    }
+
+    /// When all servers have stopped every question has its end and every call is free again.
+    fn settle(mut self) {
+        (0..2).for_each(|server| self.take_step(&Step::Open(server, false)));
+        while !self.asked.is_empty() {
+            let before = self.asked.len();
+            self.receive(0);
+            assert_eq!(self.asked.len(), before - 1, "it has its end");
+        }
+        for client in &self.clients {
+            let lent: Vec<_> = (0..PENDING).map(|_| client.loan()).collect();
+            assert!(lent.iter().all(|lent| lent.status == 0), "a call was lost");
+            assert_eq!(client.loan().status, Status::Overload.code());
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 2_000, ..ProptestConfig::default() })]
+
+    /// No answer is lost or doubled, none goes to the wrong question, no block is used by two.
+    #[test]
+    fn every_question_has_exactly_one_end(steps in prop::collection::vec(step(), 1..80)) {
+        let world = RefCell::new(World::new());
+        for step in &steps {
+            world.borrow_mut().take_step(step);
+            world.borrow().check_blocks();
+        }
+        world.into_inner().settle();
+    }
+}
+
+/// Client and server on two threads: every question gets its own answer, whoever is faster.
+#[test]
+fn two_threads_lose_and_double_nothing() {
+    let (client, server) = pair();
+    let done = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                let _ = serve(&server);
+            }
+        });
+        let yields = |_: u64| {
+            std::thread::yield_now();
+            Ok(())
+        };
+        for round in 0..20_000u64 {
+            let ids: Vec<(u64, u64)> =
+                (0..3).filter_map(|step| Some((round * 3 + step, request(&client, round * 3 + step).ok()?))).collect();
+            for (number, id) in ids.iter().rev() {
+                if round % 7 == 0 && number % 3 == 1 {
+                    assert_eq!(client.discard(*id), Ok(()));
+                } else {
+                    assert_eq!(receive(&client, *id, Wait::DEFAULT, yields), Ok(number + 1));
+                }
+            }
+        }
+        done.store(true, std::sync::atomic::Ordering::Relaxed);
+    });
+}

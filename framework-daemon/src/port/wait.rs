@@ -1,0 +1,94 @@
+//! Who waits for whom. A slot waits for one other at most, so that the slots in a ring are a list that leads back to its
+//! head: found before the last of them begins to wait.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use crossbeam_queue::SegQueue;
+
+use crate::model::limits::WAITERS;
+
+pub use crate::sys::fiber::{NotHere, park};
+
+/// By number: the number that it waits for; 0: none. Number 0 is nobody's.
+static WAITS: [AtomicU32; WAITERS] = [const { AtomicU32::new(0) }; WAITERS];
+static FREE: SegQueue<u32> = SegQueue::new();
+static USED: AtomicU32 = AtomicU32::new(1);
+
+/// A slot, as one that waits or is waited for.
+#[derive(Debug)]
+pub struct Waiter {
+    number: u32,
+}
+
+impl Waiter {
+    /// One that waits for nobody. Beyond the bound its rings are not found: their waits end by their deadlines.
+    #[must_use]
+    pub fn new() -> Arc<Self> {
+        let next = |used: u32| ((used as usize) < WAITERS).then_some(used + 1);
+        let fresh = || USED.fetch_update(Ordering::AcqRel, Ordering::Acquire, next).ok();
+        Arc::new(Self { number: FREE.pop().or_else(fresh).unwrap_or_default() })
+    }
+
+    /// It begins to wait for another one; false: it would wait for itself.
+    #[must_use]
+    pub fn begin(&self, other: &Self) -> bool {
+        if self.number == 0 {
+            return true;
+        }
+        // Told before the others are looked at: of those that close a ring at the same time the last one sees it.
+        WAITS[self.number as usize].store(other.number, Ordering::SeqCst);
+        let mut at = other.number;
+        for _ in 0..WAITERS {
+            if at == self.number {
+                self.end();
+                return false;
+            }
+            at = WAITS[at as usize].load(Ordering::SeqCst);
+            if at == 0 {
+                break;
+            }
+        }
+        true
+    }
+
+    /// It does not wait any more.
+    pub fn end(&self) {
+        WAITS[self.number as usize].store(0, Ordering::Release);
+    }
+}
+
+impl Drop for Waiter {
+    fn drop(&mut self) {
+        self.end();
+        if self.number != 0 {
+            FREE.push(self.number);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ring_is_found_by_whoever_closes_it() {
+        let [one, two, three] = [Waiter::new(), Waiter::new(), Waiter::new()];
+        assert!(!one.begin(&one), "one's own service");
+        assert!(one.begin(&two) && two.begin(&three));
+        assert!(!three.begin(&one));
+        two.end();
+        assert!(three.begin(&one), "nothing leads back any more");
+        assert!(!two.begin(&three));
+    }
+
+    #[test]
+    fn a_number_is_used_again_and_waits_for_nobody_then() {
+        let one = Waiter::new();
+        let two = Waiter::new();
+        assert!(one.begin(&two));
+        let number = one.number;
+        drop(one);
+        assert_eq!(WAITS[number as usize].load(Ordering::SeqCst), 0);
+    }
+}

@@ -1,0 +1,339 @@
+//! The cases, each named after the line of the tables that it stands for.
+
+use std::time::Duration;
+
+use component_sdk::prelude::*;
+
+use crate::{Ask, Asker, Told, todo};
+
+/// What went wrong.
+type Case = fn(&mut Asker, &mut Context<'_>) -> Result<(), String>;
+
+macro_rules! cases {
+    ($($name:ident),+ $(,)?) => {
+        /// By name, in the order in which they run: those that cost the teller its life come last.
+        pub(crate) const ALL: &[(&str, Case)] = &[$((stringify!($name), $name)),+];
+    };
+}
+
+cases! {
+    query_returns_the_answer, query_cancelled_discards, query_not_connected, query_unanswered_token_is_error,
+    refused_query_gets_the_servers_status, request_gives_an_id, request_not_connected, request_table_full,
+    receive_answer_consumes, receive_not_yet, receive_unknown_id, receive_error_consumes,
+    receive_wait_answer_consumes, receive_wait_unknown_id, receive_wait_cancelled_keeps_id,
+    receive_wait_error_consumes, receive_wait_timeout_keeps_id, discard_invalidates, discard_unknown_id,
+    many_pending_any_order, default_deadline_ends_query, answer_later_from_another_callback, answer_ok,
+    active_handler_keeps_the_request, handler_may_query_itself_others, handler_may_wait,
+    data_wins_over_the_gate, it_is_a_level, flags_not_counters, blocking_has_no_effect_on_request,
+    cycle_of_two_is_answered, own_service_is_a_cycle, a_large_number_of_queries_loses_nothing,
+    handler_panic_is_contained_and_client_released, retry_asks_the_successor_once_each, server_crash_next_call,
+    queued_calls_survive_a_replacement, server_crash_releases_the_waiter, handler_hang_is_ended_and_client_released,
+}
+
+const SHORT: Duration = Duration::from_millis(30);
+
+fn ask(todo: u32, number: u64) -> Ask {
+    Ask { todo, number }
+}
+
+fn same<T: PartialEq + std::fmt::Debug>(found: T, wanted: T) -> Result<(), String> {
+    if found == wanted { Ok(()) } else { Err(format!("{found:?} instead of {wanted:?}")) }
+}
+
+fn number(told: Result<component_sdk::port::Reply<'_, Told>, Status>) -> Result<u64, Status> {
+    told.map(|told| told.number)
+}
+
+fn text<T>(result: Result<T, Status>) -> Result<T, String> {
+    result.map_err(|status| format!("{status:?}"))
+}
+
+/// Has the teller answer what it keeps; how many there were.
+fn let_go(asker: &mut Asker) -> Result<u64, String> {
+    text(number(asker.tell.query(ask(todo::LET_GO, 0))))
+}
+
+fn query_returns_the_answer(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    same(number(asker.tell.query(ask(todo::ANSWER, 5))), Ok(6))?;
+    same(asker.tell.query(ask(todo::ANSWER, 7)).map(|told| told.take().number), Ok(8))?;
+    let mut request = text(asker.tell.loan())?;
+    request.number = 9;
+    request.todo = todo::ANSWER;
+    same(number(request.query()), Ok(10))
+}
+
+fn query_cancelled_discards(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
+    text(asker.tell.blocking(false))?;
+    let ends: Vec<_> = (0..3).map(|_| number(asker.tell.query(ask(todo::KEEP, 1)))).collect();
+    text(asker.tell.blocking(true))?;
+    same(ends, vec![Err(Status::Cancelled); 3])?;
+    // Whether the teller had them in hand already or not: it makes no mistake.
+    let_go(asker)?;
+    same(number(asker.tell.query(ask(todo::REPORT, 0))), Ok(0))?;
+    // All places are free again.
+    request_table_full(asker, cx)
+}
+
+fn query_not_connected(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    same(number(asker.loose.query(ask(todo::ANSWER, 5))), Err(Status::Disconnected))
+}
+
+fn query_unanswered_token_is_error(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    same(number(asker.tell.query(ask(todo::FORGET, 5))), Err(Status::Error))
+}
+
+fn refused_query_gets_the_servers_status(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    same(number(asker.tell.query(ask(todo::REFUSE, 5))), Err(Status::NotAllowed))
+}
+
+fn request_gives_an_id(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let (one, two) = (text(asker.tell.request(ask(todo::ANSWER, 1)))?, text(asker.tell.request(ask(todo::ANSWER, 2)))?);
+    same(one == two, false)?;
+    same(number(asker.tell.receive_wait(one)), Ok(2))?;
+    same(number(asker.tell.receive_wait(two)), Ok(3))
+}
+
+fn request_not_connected(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    same(asker.loose.request(ask(todo::ANSWER, 1)), Err(Status::Disconnected))
+}
+
+fn request_table_full(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let ids: Vec<_> = std::iter::from_fn(|| asker.tell.request(ask(todo::ANSWER, 1)).ok()).take(100).collect();
+    let full = asker.tell.request(ask(todo::ANSWER, 1));
+    for id in &ids {
+        same(number(asker.tell.receive_wait(*id)), Ok(2))?;
+    }
+    same((ids.len(), full), (8, Err(Status::Overload)))
+}
+
+fn receive_answer_consumes(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::ANSWER, 1)))?;
+    for _ in 0..1000 {
+        match number(asker.tell.receive(id)) {
+            Err(Status::NoData) => same(cx.sleep(Duration::from_millis(1)), true)?,
+            end => {
+                same(end, Ok(2))?;
+                return same(number(asker.tell.receive(id)), Err(Status::WrongId));
+            }
+        }
+    }
+    Err("no answer".to_owned())
+}
+
+fn receive_not_yet(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::KEEP, 1)))?;
+    same(number(asker.tell.receive(id)), Err(Status::NoData))?;
+    same(number(asker.tell.receive(id)), Err(Status::NoData))?;
+    let_go(asker)?;
+    same(number(asker.tell.receive(id)), Ok(2))
+}
+
+fn receive_unknown_id(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::ANSWER, 1)))?;
+    text(asker.tell.discard(id))?;
+    same(number(asker.tell.receive(id)), Err(Status::WrongId))
+}
+
+fn receive_error_consumes(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::FORGET, 1)))?;
+    for _ in 0..1000 {
+        match number(asker.tell.receive(id)) {
+            Err(Status::NoData) => same(cx.sleep(Duration::from_millis(1)), true)?,
+            end => {
+                same(end, Err(Status::Error))?;
+                return same(number(asker.tell.receive(id)), Err(Status::WrongId));
+            }
+        }
+    }
+    Err("no end".to_owned())
+}
+
+fn receive_wait_answer_consumes(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::ANSWER, 1)))?;
+    same(number(asker.tell.receive_wait(id)), Ok(2))?;
+    same(number(asker.tell.receive_wait(id)), Err(Status::WrongId))
+}
+
+fn receive_wait_unknown_id(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::ANSWER, 1)))?;
+    text(asker.tell.discard(id))?;
+    same(number(asker.tell.receive_wait(id)), Err(Status::WrongId))
+}
+
+fn receive_wait_cancelled_keeps_id(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::KEEP, 1)))?;
+    text(asker.tell.blocking(false))?;
+    let cancelled = number(asker.tell.receive_wait(id));
+    text(asker.tell.blocking(true))?;
+    same(cancelled, Err(Status::Cancelled))?;
+    let_go(asker)?;
+    same(number(asker.tell.receive_wait(id)), Ok(2))
+}
+
+fn receive_wait_error_consumes(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::FORGET, 1)))?;
+    same(number(asker.tell.receive_wait(id)), Err(Status::Error))?;
+    same(number(asker.tell.receive_wait(id)), Err(Status::WrongId))
+}
+
+fn receive_wait_timeout_keeps_id(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::KEEP, 1)))?;
+    let began = cx.clock();
+    same(number(asker.tell.receive_wait_within(id, SHORT)), Err(Status::Timeout))?;
+    same(cx.clock().since(began) >= SHORT, true)?;
+    let_go(asker)?;
+    same(number(asker.tell.receive_wait(id)), Ok(2))
+}
+
+fn discard_invalidates(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::KEEP, 1)))?;
+    // The teller has it in hand: what it answers comes too late, and is no mistake of its.
+    same(number(asker.tell.receive_wait_within(id, SHORT)), Err(Status::Timeout))?;
+    text(asker.tell.discard(id))?;
+    same(let_go(asker)?, 1)?;
+    same(number(asker.tell.query(ask(todo::REPORT, 0))), Ok(0))?;
+    same(number(asker.tell.receive(id)), Err(Status::WrongId))
+}
+
+fn discard_unknown_id(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::ANSWER, 1)))?;
+    same(asker.tell.discard(id), Ok(()))?;
+    same(asker.tell.discard(id), Err(Status::WrongId))
+}
+
+fn many_pending_any_order(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let mut ids = Vec::new();
+    for count in 0..7 {
+        ids.push((count, text(asker.tell.request(ask(todo::KEEP, count)))?));
+    }
+    same(let_go(asker)?, 7)?;
+    for (count, id) in ids.into_iter().rev() {
+        same(number(asker.tell.receive_wait(id)), Ok(count + 1))?;
+    }
+    Ok(())
+}
+
+fn default_deadline_ends_query(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
+    let began = cx.clock();
+    same(number(asker.again.query(ask(todo::KEEP, 1))), Err(Status::Timeout))?;
+    same(cx.clock().since(began) >= Duration::from_millis(100), true)?;
+    let_go(asker).map(|_| ())
+}
+
+fn answer_later_from_another_callback(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    same(number(asker.tell.query(ask(todo::LATER, 1))), Ok(2))
+}
+
+fn answer_ok(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::KEEP, 1)))?;
+    let_go(asker)?;
+    same(number(asker.tell.query(ask(todo::REPORT, 0))), Ok(0))?;
+    same(number(asker.tell.receive_wait(id)), Ok(2))
+}
+
+fn active_handler_keeps_the_request(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let kept = text(asker.tell.request(ask(todo::KEEP, 100)))?;
+    for count in 0..50 {
+        same(number(asker.tell.query(ask(todo::ANSWER, count))), Ok(count + 1))?;
+    }
+    let_go(asker)?;
+    same(number(asker.tell.receive_wait(kept)), Ok(101))
+}
+
+fn handler_may_query_itself_others(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    same(number(asker.tell.query(ask(todo::ONWARD, 1))), Ok(11))
+}
+
+fn handler_may_wait(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let slow = text(asker.tell.request(ask(todo::SLEEP, 20)))?;
+    let next = text(asker.tell.request(ask(todo::ANSWER, 1)))?;
+    // A slot that waits in its handler is entered by no other one.
+    same(number(asker.tell.receive_wait(next)), Ok(2))?;
+    same(number(asker.tell.receive(slow)), Ok(21))
+}
+
+fn data_wins_over_the_gate(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let id = text(asker.tell.request(ask(todo::KEEP, 1)))?;
+    let_go(asker)?;
+    text(asker.tell.blocking(false))?;
+    let answer = number(asker.tell.receive_wait(id));
+    text(asker.tell.blocking(true))?;
+    same(answer, Ok(2))
+}
+
+fn it_is_a_level(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
+    text(asker.tell.blocking(false))?;
+    let first = number(asker.tell.query(ask(todo::ANSWER, 1)));
+    same(cx.sleep(SHORT), true)?;
+    let second = number(asker.tell.query(ask(todo::ANSWER, 1)));
+    text(asker.tell.blocking(true))?;
+    same((first, second), (Err(Status::Cancelled), Err(Status::Cancelled)))?;
+    same(number(asker.tell.query(ask(todo::ANSWER, 1))), Ok(2))
+}
+
+fn flags_not_counters(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    text(asker.tell.blocking(false))?;
+    text(asker.tell.blocking(false))?;
+    text(asker.tell.blocking(true))?;
+    same(number(asker.tell.query(ask(todo::ANSWER, 1))), Ok(2))
+}
+
+fn blocking_has_no_effect_on_request(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    text(asker.tell.blocking(false))?;
+    let id = asker.tell.request(ask(todo::ANSWER, 1));
+    text(asker.tell.blocking(true))?;
+    same(number(asker.tell.receive_wait(text(id)?)), Ok(2))
+}
+
+fn cycle_of_two_is_answered(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    same(number(asker.tell.query(ask(todo::BACK, 1))), Ok(u64::from(Status::Cycle.code())))
+}
+
+fn own_service_is_a_cycle(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    same(number(asker.own.query(ask(todo::ANSWER, 1))), Err(Status::Cycle))
+}
+
+fn a_large_number_of_queries_loses_nothing(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    (0..5000).try_for_each(|count| same(number(asker.tell.query(ask(todo::ANSWER, count))), Ok(count + 1)))
+}
+
+fn handler_panic_is_contained_and_client_released(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let kept = text(asker.tell.request(ask(todo::KEEP, 1)))?;
+    // Unwinding drops the query, which ends it. The instance is sound, and has the other one still.
+    same(number(asker.tell.query(ask(todo::PANIC, 1))), Err(Status::Error))?;
+    same(let_go(asker)?, 1)?;
+    same(number(asker.tell.receive_wait(kept)), Ok(2))
+}
+
+fn server_crash_releases_the_waiter(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    same(number(asker.tell.query(ask(todo::TRAP, 1))), Err(Status::ProviderGone))
+}
+
+fn server_crash_next_call(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    same(number(asker.tell.query(ask(todo::TRAP, 1))), Err(Status::ProviderGone))?;
+    same(number(asker.tell.query(ask(todo::ANSWER, 1))), Ok(2))
+}
+
+fn queued_calls_survive_a_replacement(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let deadly = text(asker.tell.request(ask(todo::TRAP, 1)))?;
+    let queued = text(asker.tell.request(ask(todo::ANSWER, 1)))?;
+    same(number(asker.tell.receive_wait(queued)), Ok(2))?;
+    same(number(asker.tell.receive(deadly)), Err(Status::ProviderGone))
+}
+
+fn retry_asks_the_successor_once_each(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
+    // Its timeout may be over before the successor is there: an id outlives that.
+    let id = text(asker.again.request(ask(todo::TRAP_ONCE, 1)))?;
+    for _ in 0..50 {
+        match number(asker.again.receive_wait(id)) {
+            Err(Status::Timeout) => same(cx.sleep(SHORT), true)?,
+            end => return same(end, Ok(2)),
+        }
+    }
+    Err("no end".to_owned())
+}
+
+fn handler_hang_is_ended_and_client_released(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let end = number(asker.tell.query_within(ask(todo::HANG, 1), Duration::from_secs(30)));
+    same(end, Err(Status::ProviderGone))
+}

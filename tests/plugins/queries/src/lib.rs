@@ -1,0 +1,133 @@
+//! Components that ask and answer: the two sides of the conformance tests of the query pattern.
+//!
+//! The asker runs one case in each callback and logs how it went. What its peer does, each request says.
+
+mod cases;
+mod teller;
+
+use component_sdk::prelude::*;
+
+pub use teller::{Echo, OtherEcho, Teller};
+
+/// A question: what the server is to do, and a number for it.
+#[repr(C)]
+#[derive(CommObject, Clone, Debug, Default, PartialEq)]
+pub struct Ask {
+    /// One of the constants of [`todo`].
+    pub todo: u32,
+    /// What it is about.
+    pub number: u64,
+}
+
+/// An answer.
+#[repr(C)]
+#[derive(CommObject, Clone, Debug, Default, PartialEq)]
+pub struct Told {
+    /// Depends on what was asked.
+    pub number: u64,
+    /// Number of queries that this instance has handled.
+    pub handled: u64,
+}
+
+/// What a server may be asked to do.
+pub mod todo {
+    /// Answer with the number and one.
+    pub const ANSWER: u32 = 0;
+    /// Keep the query until `LET_GO`.
+    pub const KEEP: u32 = 1;
+    /// Answer all kept ones, the last first; tells how many there were.
+    pub const LET_GO: u32 = 2;
+    /// Keep the query and answer it from `on_execute`.
+    pub const LATER: u32 = 3;
+    /// Let the query go unanswered.
+    pub const FORGET: u32 = 4;
+    /// Refuse with `NotAllowed`.
+    pub const REFUSE: u32 = 5;
+    /// Panic.
+    pub const PANIC: u32 = 6;
+    /// Trap.
+    pub const TRAP: u32 = 7;
+    /// Loop for ever.
+    pub const HANG: u32 = 8;
+    /// Ask the third component and pass on what it says.
+    pub const ONWARD: u32 = 9;
+    /// Ask the asker, who waits; tells the status that this ends with.
+    pub const BACK: u32 = 10;
+    /// Sleep that many milliseconds, then answer.
+    pub const SLEEP: u32 = 11;
+    /// Tells the status with which the last kept query was answered.
+    pub const REPORT: u32 = 12;
+    /// Trap in the first instance, answer in its successor.
+    pub const TRAP_ONCE: u32 = 13;
+}
+
+/// Runs the cases, one in each period.
+#[derive(Component)]
+#[component(name = "Asker", version = "1.0", periodic = "2ms")]
+pub struct Asker {
+    /// To the teller.
+    #[port]
+    tell: QueryClient<Ask, Told>,
+    /// To nobody.
+    #[port]
+    loose: QueryClient<Ask, Told>,
+    /// To the teller, with a short timeout, and asked again when it fails.
+    #[port]
+    again: QueryClient<Ask, Told>,
+    /// To its own service.
+    #[port]
+    own: QueryClient<Ask, Told>,
+    /// For those who ask back.
+    #[port(handler = on_ask)]
+    answers: QueryServer<Ask, Told>,
+    /// Which cases: `all`, or the name of one that the component ends with.
+    #[property(default = "all")]
+    run: String,
+    next: usize,
+}
+
+impl Callbacks for Asker {
+    fn initialize(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "in initialize: {:?}", self.tell.query(Ask::default()).err());
+        Ok(())
+    }
+
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        if self.run != "all" {
+            return self.stay(cx);
+        }
+        let Some((name, case)) = cases::ALL.get(self.next) else { return Ok(()) };
+        self.next += 1;
+        match case(self, cx) {
+            Ok(()) => info!(cx, "case {name}: ok"),
+            Err(why) => error!(cx, "case {name}: {why}"),
+        }
+        if self.next == cases::ALL.len() {
+            info!(cx, "all cases are done");
+        }
+        Ok(())
+    }
+
+    fn stop(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "in stop: {:?}", self.tell.query(Ask::default()).err());
+        Ok(())
+    }
+}
+
+impl Asker {
+    fn on_ask(&mut self, _: &mut Context<'_>, query: Query<'_, Ask, Told>) -> Outcome {
+        let number = query.number + 1000;
+        query.answer(Told { number, handled: 0 })?;
+        Ok(())
+    }
+
+    /// Waits for an answer that does not come.
+    fn stay(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "waits");
+        let told = self.tell.query_within(Ask { todo: todo::KEEP, number: 1 }, std::time::Duration::from_secs(3600));
+        info!(cx, "waited: {:?}", told.map(|told| told.number));
+        Ok(())
+    }
+}
+
+export_components!(Asker, Teller, Echo, OtherEcho);

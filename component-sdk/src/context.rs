@@ -11,6 +11,7 @@ use std::time::Duration;
 use abi_stable::std_types::{RSlice, RStr};
 
 use crate::abi::host::HostApi;
+use crate::wiring::Wiring;
 
 /// Longest log or fault text in bytes; what goes beyond is cut at a character border.
 pub const TEXT_LIMIT: usize = 400;
@@ -82,6 +83,12 @@ impl<'a> Context<'a> {
     #[must_use]
     pub fn clock(&self) -> Instant {
         Instant((self.host.clock)())
+    }
+
+    /// Connects and disconnects ports, this component's and others'.
+    #[must_use]
+    pub const fn wiring(&self) -> Wiring<'a> {
+        Wiring::new(self.host)
     }
 
     /// Waits, at most a week: the callback, not its thread. The executor runs other components meanwhile, and no other

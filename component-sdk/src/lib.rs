@@ -58,6 +58,9 @@ pub mod property;
 /// What the operations of the communication patterns answer.
 pub mod status;
 
+/// Connections made and cut while everything runs.
+pub mod wiring;
+
 /// Drives one component step by step, without the daemon.
 pub mod testing;
 

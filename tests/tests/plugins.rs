@@ -86,7 +86,7 @@ fn another_abi_is_refused_with_both_values() {
     let (_directory, path) = patched("libabi.so", 8, &77u32.to_le_bytes());
     let (code, said) = describe(&path);
     assert_eq!(code, Some(4));
-    assert!(said.contains("ABI version: the daemon has 1, the plugin 77") && said.contains("component-sdk"), "{said}");
+    assert!(said.contains("ABI version: the daemon has 2, the plugin 77") && said.contains("component-sdk"), "{said}");
 }
 
 #[test]

@@ -9,6 +9,7 @@ use abi_stable::StableAbi;
 use abi_stable::std_types::{RSlice, RStr};
 
 use super::calls::CallApi;
+use super::links::LinkApi;
 use super::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 
 /// The functions of the daemon.
@@ -45,6 +46,8 @@ pub struct HostApi {
     pub sleep: extern "C" fn(nanos: u64) -> bool,
     /// Queries.
     pub calls: CallApi,
+    /// Connections made and cut at run time.
+    pub links: LinkApi,
 }
 
 static HOST: AtomicPtr<HostApi> = AtomicPtr::new(std::ptr::null_mut());
@@ -78,6 +81,7 @@ static DETACHED: HostApi = HostApi {
     safe_output: detached::safe_output,
     sleep: detached::sleep,
     calls: CallApi::CLOSED,
+    links: LinkApi::CLOSED,
 };
 
 mod detached {

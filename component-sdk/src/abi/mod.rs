@@ -21,6 +21,9 @@ pub mod class;
 /// The entry symbol and the shims behind it.
 pub mod export;
 
+/// Connections made and cut at run time.
+pub mod links;
+
 /// What is compared before any call.
 pub mod header;
 

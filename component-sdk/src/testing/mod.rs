@@ -29,6 +29,7 @@ use abi_stable::std_types::{RSlice, RStr};
 
 use crate::abi::class::{ClassDecl, CreateArgs, Direction, Pattern};
 use crate::abi::host::{self, HostApi};
+use crate::abi::links::{LinkApi, PortName, Reason};
 use crate::abi::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 use crate::component::{Callbacks, FaultInfo, Outcome};
 use crate::context::{Context, Level};
@@ -58,7 +59,7 @@ struct BenchPort {
 
 thread_local! {
     static RECORD: RefCell<Record> = const {
-        RefCell::new(Record { now_ns: 0, logs: Vec::new(), faults: Vec::new(), safe_outputs: Vec::new() })
+        RefCell::new(Record { now_ns: 0, logs: Vec::new(), faults: Vec::new(), safe_outputs: Vec::new(), wirings: Vec::new() })
     };
 }
 
@@ -67,6 +68,7 @@ struct Record {
     logs: Vec<(u8, String)>,
     faults: Vec<String>,
     safe_outputs: Vec<(i32, Vec<u8>)>,
+    wirings: Vec<String>,
 }
 
 impl<C: Callbacks> Bench<C> {
@@ -225,6 +227,12 @@ impl<C: Callbacks> Bench<C> {
     pub fn safe_outputs() -> Vec<(i32, Vec<u8>)> {
         RECORD.with_borrow(|record| record.safe_outputs.clone())
     }
+
+    /// What was connected, `a.x - b.y`, and disconnected, `a.x -`, in that order.
+    #[must_use]
+    pub fn wirings() -> Vec<String> {
+        RECORD.with_borrow(|record| record.wirings.clone())
+    }
 }
 
 impl BenchPort {
@@ -262,7 +270,20 @@ static BENCH: HostApi = HostApi {
     safe_output,
     sleep,
     calls: calls::API,
+    links: LinkApi { connect, disconnect },
 };
+
+/// Nothing refuses here: what was asked for is kept.
+extern "C" fn connect(one: PortName<'_>, other: PortName<'_>, _: &mut Reason) -> u32 {
+    let text = format!("{}.{} - {}.{}", one.slot, one.port, other.slot, other.port);
+    RECORD.with_borrow_mut(|record| record.wirings.push(text));
+    0
+}
+
+extern "C" fn disconnect(port: PortName<'_>, _: &mut Reason) -> u32 {
+    RECORD.with_borrow_mut(|record| record.wirings.push(format!("{}.{} -", port.slot, port.port)));
+    0
+}
 
 extern "C" fn clock() -> u64 {
     RECORD.with_borrow(|record| record.now_ns)

@@ -14,12 +14,12 @@ use component_sdk::abi::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 use component_sdk::port::Sent;
 
 use super::block::Block;
-use super::border_calls;
 use super::input::InPort;
 use super::output::{Borrower, OutPort};
 use super::pattern::provider::Provider;
 use super::pattern::requestor::Requestor;
 use super::table::{self, Claim, Kind, Place};
+use super::{border_calls, border_links};
 use crate::model::limits::HEADROOM_BYTES;
 use crate::plugin::host;
 use crate::sys::{arch, seat};
@@ -145,6 +145,7 @@ pub static HOST: HostApi = HostApi {
     safe_output: host::safe_output,
     sleep: host::sleep,
     calls: border_calls::API,
+    links: border_links::API,
 };
 
 /// What a handle leads to.
@@ -203,7 +204,7 @@ unsafe fn end(place: &Place, kind: Kind) -> End<'_> {
 
 /// A stack that is about to overflow does so here, where nothing is locked, and not inside.
 #[inline(never)]
-fn make_sure_of_stack() {
+pub(super) fn make_sure_of_stack() {
     black_box(&MaybeUninit::<[u8; HEADROOM_BYTES]>::uninit());
 }
 

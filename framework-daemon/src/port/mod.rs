@@ -34,6 +34,9 @@ pub mod pattern;
 /// The table behind port handles.
 pub mod table;
 
+/// Where plugins' wiring arrives.
+mod border_links;
+
 /// Ports by name.
 pub mod registry;
 /// Who waits for whom.

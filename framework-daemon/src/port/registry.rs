@@ -1,7 +1,7 @@
 //! Ports by name: what `connect` and `disconnect` look up. Read from any thread without waiting, replaced as a whole by boot
 //! and reload.
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use super::border::PortEnd;
 use super::exchange::{Busy, Exchange};
@@ -31,6 +31,12 @@ impl Default for Registry {
     fn default() -> Self {
         Self(Exchange::new(Directory::default()))
     }
+}
+
+/// The ports of the system that runs in this process.
+pub fn shared() -> &'static Arc<Registry> {
+    static SHARED: LazyLock<Arc<Registry>> = LazyLock::new(Arc::default);
+    &SHARED
 }
 
 /// Why a name leads to no port.

@@ -25,6 +25,7 @@ use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP};
 use crate::model::names;
 use crate::model::schedule::Schedule;
 use crate::plugin::Class;
+use crate::port::registry;
 use crate::profile::plan::{ConnectionPlan, Plan, SlotPlan, Trigger};
 use crate::sys::bell::{Bell, Signal};
 
@@ -59,7 +60,7 @@ pub fn boot_unless(
     let catalogue = Catalogue::default().in_directories(directories(&plan, extra));
     let workshop = Workshop::start(faults.clone());
     let workshop = workshop.map_err(|error| BootError::Failed(vec![format!("workshop: no thread: {error}")]))?;
-    let (executors, slots, registry) = (HashMap::new(), Vec::new(), Arc::default());
+    let (executors, slots, registry) = (HashMap::new(), Vec::new(), Arc::clone(registry::shared()));
     let mut system = System { plan, executors, slots, registry, catalogue, workshop, faults };
     let plan = Arc::clone(&system.plan);
     let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;

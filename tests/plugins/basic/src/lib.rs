@@ -139,6 +139,39 @@ impl Callbacks for Listener {
     }
 }
 
+/// Connects a reader to one writer and then to another, by turns, and says what is refused.
+#[derive(Component)]
+#[component(name = "Switch", version = "1.0", periodic = "5ms")]
+pub struct Switch {
+    /// The reader: slot and port.
+    #[property(default = "listener.heard")]
+    reader: String,
+    /// Writers, and what is none.
+    #[property(default = "one.out two.out")]
+    writers: String,
+    turn: usize,
+}
+
+impl Callbacks for Switch {
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        let split = |text: &str| text.split_once('.').map(|(slot, port)| (slot.to_owned(), port.to_owned()));
+        let writers: Vec<&str> = self.writers.split_whitespace().collect();
+        let (Some(reader), Some(writer)) = (split(&self.reader), split(writers[self.turn % writers.len()])) else {
+            return Err(fault!("a port is named slot.port"));
+        };
+        self.turn += 1;
+        if let Err(refusal) = cx.wiring().connect((&reader.0, &reader.1), (&writer.0, &writer.1)) {
+            warn!(cx, "{:?}: {refusal}", refusal.status);
+        }
+        Ok(())
+    }
+
+    fn stop(&mut self, cx: &mut Context<'_>) -> Outcome {
+        info!(cx, "switched {} times", self.turn);
+        Ok(())
+    }
+}
+
 /// Logs each of its callbacks, the frequent ones once.
 #[derive(Component)]
 #[component(name = "Diary", version = "1.0", periodic = "5ms")]
@@ -358,5 +391,5 @@ impl Callbacks for Sluggard {
 
 export_components!(
     Beat, Ticker, Downer, Sleeper, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn, Wreck,
-    Sluggard
+    Sluggard, Switch
 );

@@ -30,6 +30,18 @@
 //! }
 //! ```
 //!
+//! A server without a handler is a mistake that the compiler finds:
+//!
+//! ```compile_fail
+//! # use component_sdk::prelude::*;
+//! #[derive(Component)]
+//! #[component(name = "Deaf", passive)]
+//! pub struct Deaf {
+//!     #[port]
+//!     squares: QueryServer<f64, f64>,
+//! }
+//! ```
+//!
 //! A wait suspends the callback, not the thread: other components run meanwhile. It ends by the answer, by its deadline
 //! (the port's `<timeout>`, one second where the profile says nothing), or by a [`Status`] that says what came between.
 //! While a callback waits, its component is entered by no other one.

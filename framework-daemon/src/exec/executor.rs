@@ -16,7 +16,6 @@ use crate::model::fault::FaultSender;
 use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
 use crate::model::time::nanoseconds;
-use crate::port::output;
 use crate::profile::plan::Trigger;
 use crate::sys::bell::{Bell, Ring};
 use crate::sys::fiber_pool::FiberPool;
@@ -192,9 +191,7 @@ impl Run {
     fn until_quit(mut self) {
         loop {
             // The thread may be another one than before.
-            if self.bell.adopt() {
-                output::warm_up();
-            }
+            self.bell.adopt();
             while let Ok(command) = self.inbox.try_recv() {
                 if !self.obey(command) {
                     return;

@@ -18,7 +18,6 @@ use crate::model::fault::{Fault, FaultSender};
 use crate::model::ladder::Ladder;
 use crate::model::lifecycle::{Event, State};
 use crate::model::time::nanoseconds;
-use crate::port::output;
 use crate::port::pattern::provider::Openness;
 use crate::profile::plan::{Preload, Trigger};
 use crate::sys::bell::{Ring, Signal};
@@ -104,7 +103,6 @@ impl Member {
     /// The fault of a constructor or of `initialize`, and the class that it belongs to.
     pub fn install(&mut self, crew: &mut Crew) -> Result<(), String> {
         self.prepare_fibers(crew);
-        output::warm_up();
         let unit = self.make(0, crew).map_err(|fault| self.tell("instance", &fault))?;
         unit.open();
         self.unit = Some(unit);

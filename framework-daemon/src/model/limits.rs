@@ -143,6 +143,8 @@ pub const WAIT_MAX: Duration = Duration::from_secs(7 * 24 * 3600);
 pub const WAITING_FIBERS: usize = 64;
 /// Blocks of an output port beyond those that its readers can hold.
 pub const SPARE_BLOCKS: usize = 2;
+/// Connections of an output that are made at run time before its table grows.
+pub const SPARE_LINKS: usize = 16;
 /// Longest time that `stop` or `destroy` of one component may take.
 pub const SHUTDOWN_STEP: Duration = Duration::from_millis(500);
 /// Longest time that a constructor with `initialize`, or `start`, may take before a boot or reload is given up.

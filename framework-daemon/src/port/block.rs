@@ -8,7 +8,7 @@
 use std::alloc::{Layout, alloc_zeroed, dealloc, handle_alloc_error};
 use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, Ordering};
 
 use component_sdk::object::{TypeDescriptor, flat};
 
@@ -87,6 +87,53 @@ impl Drop for Block {
             }
             dealloc(self.memory.as_ptr(), layout(self.object));
         }
+    }
+}
+
+/// At most one sample, handed on by one exchange.
+#[derive(Debug, Default)]
+pub(super) struct Newest(AtomicPtr<Block>);
+
+impl Newest {
+    /// Puts one in; what was there before.
+    #[inline]
+    pub(super) fn put(&self, sample: Sample) -> Option<Sample> {
+        let before = self.0.swap(Arc::into_raw(sample).cast_mut(), Ordering::AcqRel);
+        // SAFETY: every address in here came from a sample that was given up to it, and an exchange takes it out once.
+        (!before.is_null()).then(|| unsafe { Arc::from_raw(before) })
+    }
+
+    /// Takes it out.
+    #[inline]
+    pub(super) fn take(&self) -> Option<Sample> {
+        if self.is_empty() {
+            return None;
+        }
+        let before = self.0.swap(std::ptr::null_mut(), Ordering::AcqRel);
+        // SAFETY: as above.
+        (!before.is_null()).then(|| unsafe { Arc::from_raw(before) })
+    }
+
+    /// Looks at it.
+    ///
+    /// # Safety
+    /// Nobody may put one in or take it out meanwhile.
+    #[inline]
+    pub(super) unsafe fn look(&self) -> Option<&Block> {
+        // SAFETY: a sample that stays where it is, by the caller's promise.
+        unsafe { self.0.load(Ordering::Acquire).as_ref() }
+    }
+
+    /// True when nothing is in it.
+    #[inline]
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.load(Ordering::Relaxed).is_null()
+    }
+}
+
+impl Drop for Newest {
+    fn drop(&mut self) {
+        drop(self.take());
     }
 }
 

@@ -37,6 +37,19 @@ pub enum PortEnd {
     Provider(Arc<Provider>),
 }
 
+impl PortEnd {
+    /// The port's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        match self {
+            Self::In(port) => &port.name,
+            Self::Out(port) => &port.name,
+            Self::Requestor(port) => &port.name,
+            Self::Provider(port) => &port.name,
+        }
+    }
+}
+
 /// One instance's access to one port: at rest while the instance stands ready, open while it is in use, closed for good
 /// when it was replaced.
 pub struct Binding {
@@ -203,8 +216,8 @@ extern "C" fn loan(handle: PortHandle) -> LoanResult {
 }
 
 extern "C" fn publish(handle: PortHandle, value: *mut u8) -> u32 {
-    let sent = visit(handle, |end, _| match end {
-        End::Out(port) => port.publish(value),
+    let sent = visit(handle, |end, borrower| match end {
+        End::Out(port) => port.publish(value, borrower),
         End::Scratch(block) => {
             block.fill(0);
             Sent::Unconnected
@@ -215,16 +228,16 @@ extern "C" fn publish(handle: PortHandle, value: *mut u8) -> u32 {
 }
 
 extern "C" fn give_back(handle: PortHandle, value: *mut u8) {
-    visit(handle, |end, _| match end {
-        End::Out(port) => port.give_back(value),
+    visit(handle, |end, borrower| match end {
+        End::Out(port) => port.give_back(value, borrower),
         End::Scratch(block) => block.fill(0),
         _ => {}
     });
 }
 
 extern "C" fn read(handle: PortHandle, mode: ReadMode) -> ReadResult {
-    visit(handle, |end, _| match end {
-        End::In(port) => port.read(mode),
+    visit(handle, |end, borrower| match end {
+        End::In(port) => port.read(mode, borrower),
         _ => ReadResult::NONE,
     })
 }

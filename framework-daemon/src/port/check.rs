@@ -9,7 +9,7 @@
 
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 use component_sdk::object::TypeDescriptor;
 use component_sdk::object::path::{FieldPath, PathError};
@@ -117,6 +117,13 @@ impl Checks {
         Ok(Self { rules, ..Self::default() })
     }
 
+    /// Those of a connection without any: one for all.
+    #[must_use]
+    pub fn none() -> Arc<Self> {
+        static NONE: LazyLock<Arc<Checks>> = LazyLock::new(Arc::default);
+        Arc::clone(&NONE)
+    }
+
     /// True when nothing is checked.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
@@ -197,8 +204,6 @@ impl Check {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use component_sdk::object::CommObject;
 
     use super::super::block::Block;

@@ -1,15 +1,21 @@
-//! Input ports. The newest value only (OPRoS LAST) is a queue of one whose oldest makes room; a FIFO is a longer one.
-//! Both are one lock-free ring, so that any number of writers never wait for a reader or for each other.
+//! Input ports. The newest value only (OPRoS LAST) is one place whose contents are exchanged; a FIFO is a lock-free ring.
+//! Any number of writers never wait for a reader or for each other.
+//!
+//! What the reader looks at is held by one of two: the callbacks of the slot, one thread at a time and without a lock, and
+//! threads that a component started, which share the other one. A thread that is given a port of which a callback has read
+//! already sees what arrives from then on.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError, TryLockError, Weak};
 
 use component_sdk::abi::payload::{ReadMode, ReadResult};
 use component_sdk::object::TypeDescriptor;
 use crossbeam_queue::ArrayQueue;
 
-use super::block::Sample;
+use super::block::{Block, Newest, Sample};
 use super::check::Checks;
+use super::exchange::{self, Busy};
+use super::output::{Borrower, OutPort};
 use crate::model::limits::FIFO_SIZE_MAX;
 use crate::profile::plan::{Overflow, Queue};
 
@@ -17,6 +23,15 @@ use crate::profile::plan::{Overflow, Queue};
 pub trait Listener: Send + Sync {
     /// Called by the writer's thread; must not block.
     fn data_arrived(&self);
+}
+
+/// A writer that is connected.
+pub type Source = Weak<OutPort>;
+
+/// What has arrived and was not read.
+enum Arrived {
+    Newest(Newest),
+    Fifo(ArrayQueue<Sample>, Overflow),
 }
 
 /// An input port of a slot.
@@ -27,13 +42,18 @@ pub struct InPort {
     pub object: &'static TypeDescriptor,
     /// Checks of the port itself.
     pub checks: Checks,
-    queue: ArrayQueue<Sample>,
-    policy: Queue,
-    // Taken by the reader only, for a few instructions; writers never touch it. Nothing is dropped under it: the last
-    // holder of an object frees the memory of a plugin.
-    current: Mutex<Option<Sample>>,
+    arrived: Arrived,
+    /// What a callback looks at.
+    current: Newest,
+    // What a thread of the component looks at. Taken for a few instructions; writers never touch it. Nothing is dropped under
+    // it: the last holder of an object frees the memory of a plugin.
+    aside: Mutex<Option<Sample>>,
+    // Held while the port is wired: nothing of a plugin is touched meanwhile.
+    sources: Mutex<Vec<Source>>,
     listener: OnceLock<Box<dyn Listener>>,
-    received: AtomicU64,
+    /// Counted by the reader, so that a writer counts only what is never read.
+    taken: AtomicU64,
+    passed_over: AtomicU64,
     dropped: AtomicU64,
 }
 
@@ -41,19 +61,21 @@ impl InPort {
     /// An unconnected port.
     #[must_use]
     pub fn new(name: &str, object: &'static TypeDescriptor, policy: Queue, checks: Checks) -> Self {
-        let capacity = match policy {
-            Queue::Last => 1,
-            Queue::Fifo { size, .. } => size.clamp(1, FIFO_SIZE_MAX),
+        let arrived = match policy {
+            Queue::Last => Arrived::Newest(Newest::default()),
+            Queue::Fifo { size, overflow } => Arrived::Fifo(ArrayQueue::new(size.clamp(1, FIFO_SIZE_MAX)), overflow),
         };
         Self {
             name: name.to_owned(),
             object,
             checks,
-            queue: ArrayQueue::new(capacity),
-            policy,
-            current: Mutex::new(None),
+            arrived,
+            current: Newest::default(),
+            aside: Mutex::new(None),
+            sources: Mutex::default(),
             listener: OnceLock::new(),
-            received: AtomicU64::new(0),
+            taken: AtomicU64::new(0),
+            passed_over: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
         }
     }
@@ -63,48 +85,70 @@ impl InPort {
         let _ = self.listener.set(listener);
     }
 
+    /// The writers that are connected, and the right to change them.
+    ///
+    /// # Errors
+    /// Somebody else has it all the time.
+    pub(super) fn sources(&self) -> Result<MutexGuard<'_, Vec<Source>>, Busy> {
+        exchange::patiently(|| match self.sources.try_lock() {
+            Ok(sources) => Some(sources),
+            Err(TryLockError::Poisoned(sources)) => Some(sources.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
+        })
+    }
+
     /// How many blocks this port can hold: what is queued, and what its reader looks at.
     #[must_use]
     pub fn capacity(&self) -> usize {
-        self.queue.capacity() + 1
+        match &self.arrived {
+            Arrived::Newest(_) => 2,
+            Arrived::Fifo(queue, _) => queue.capacity() + 1,
+        }
     }
 
     /// True when something waits to be read.
     #[must_use]
     pub fn has_data(&self) -> bool {
-        !self.queue.is_empty()
+        self.queued() > 0
     }
 
     /// Values that wait to be read.
     #[must_use]
     pub fn queued(&self) -> usize {
-        self.queue.len()
+        match &self.arrived {
+            Arrived::Newest(newest) => usize::from(!newest.is_empty()),
+            Arrived::Fifo(queue, _) => queue.len(),
+        }
     }
 
     /// Values received and values lost to a full queue.
     #[must_use]
     pub fn counts(&self) -> (u64, u64) {
-        (self.received.load(Ordering::Relaxed), self.dropped.load(Ordering::Relaxed))
+        let [taken, passed_over, dropped] =
+            [&self.taken, &self.passed_over, &self.dropped].map(|count| count.load(Ordering::Relaxed));
+        (taken + passed_over + dropped + self.queued() as u64, dropped)
     }
 
-    /// Takes a value in; false: it, or one that may not be lost, was lost.
+    /// Takes a value in.
+    #[inline]
     pub(super) fn push(&self, sample: Sample) -> Pushed {
-        let pushed = match self.policy {
-            Queue::Last => {
-                self.queue.force_push(sample);
+        let pushed = match &self.arrived {
+            Arrived::Newest(newest) => {
+                if newest.put(sample).is_some() {
+                    self.passed_over.fetch_add(1, Ordering::Relaxed);
+                }
                 Pushed::Kept
             }
-            Queue::Fifo { overflow: Overflow::DropOldest, .. } => match self.queue.force_push(sample) {
+            Arrived::Fifo(queue, Overflow::DropOldest) => match queue.force_push(sample) {
                 Some(_) => self.lost(Pushed::OldestLost),
                 None => Pushed::Kept,
             },
-            Queue::Fifo { overflow, .. } => match self.queue.push(sample) {
+            Arrived::Fifo(queue, overflow) => match queue.push(sample) {
                 Ok(()) => Pushed::Kept,
-                Err(_) if overflow == Overflow::Fault => self.lost(Pushed::Overload),
+                Err(_) if *overflow == Overflow::Fault => self.lost(Pushed::Overload),
                 Err(_) => self.lost(Pushed::NewestLost),
             },
         };
-        self.received.fetch_add(1, Ordering::Relaxed);
         if let Some(listener) = self.listener.get() {
             listener.data_arrived();
         }
@@ -117,23 +161,59 @@ impl InPort {
     }
 
     /// Reads; the object stays valid until the next read.
-    pub(super) fn read(&self, mode: ReadMode) -> ReadResult {
-        let next = match mode {
-            ReadMode::Take => self.queue.pop(),
-            ReadMode::Newest | ReadMode::Fresh => std::iter::from_fn(|| self.queue.pop()).last(),
-        };
+    #[inline]
+    pub(super) fn read(&self, mode: ReadMode, borrower: Borrower) -> ReadResult {
+        let next = self.next(mode);
         if next.is_none() && mode != ReadMode::Newest {
             return ReadResult::NONE;
         }
-        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
-        let before = next.and_then(|sample| current.replace(sample));
-        let result = current
-            .as_ref()
-            .map_or(ReadResult::NONE, |sample| ReadResult { value: sample.value(), stamp_ns: sample.stamp_ns() });
-        drop(current);
+        match borrower {
+            Borrower::Callback => self.look(next),
+            Borrower::Other => self.look_aside(next),
+        }
+    }
+
+    #[inline]
+    fn next(&self, mode: ReadMode) -> Option<Sample> {
+        let (next, count) = match &self.arrived {
+            Arrived::Newest(newest) => (newest.take(), 1),
+            Arrived::Fifo(queue, _) if mode == ReadMode::Take => (queue.pop(), 1),
+            Arrived::Fifo(queue, _) => {
+                std::iter::from_fn(|| queue.pop()).fold((None, 0), |(_, count), sample| (Some(sample), count + 1))
+            }
+        };
+        if next.is_some() {
+            // Not one operation: a count that two readers disturb is less than what each read would take.
+            self.taken.store(self.taken.load(Ordering::Relaxed) + count, Ordering::Relaxed);
+        }
+        next
+    }
+
+    #[inline]
+    #[allow(unsafe_code, reason = "what a callback looks at stays where it is meanwhile")]
+    fn look(&self, next: Option<Sample>) -> ReadResult {
+        if let Some(sample) = next {
+            let result = shown(&sample);
+            drop(self.current.put(sample));
+            return result;
+        }
+        // SAFETY: only the line above puts one in, and only callbacks of the slot come here, one thread at a time.
+        unsafe { self.current.look() }.map_or(ReadResult::NONE, shown)
+    }
+
+    fn look_aside(&self, next: Option<Sample>) -> ReadResult {
+        let mut aside = self.aside.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = next.and_then(|sample| aside.replace(sample));
+        let result = aside.as_deref().map_or(ReadResult::NONE, shown);
+        drop(aside);
         drop(before);
         result
     }
+}
+
+#[inline]
+fn shown(block: &Block) -> ReadResult {
+    ReadResult { value: block.value(), stamp_ns: block.stamp_ns() }
 }
 
 /// What became of a value at a reader.
@@ -157,7 +237,6 @@ mod tests {
     use component_sdk::object::CommObject;
     use proptest::prelude::*;
 
-    use super::super::block::Block;
     use super::*;
 
     fn sample(value: u64) -> Sample {
@@ -173,12 +252,12 @@ mod tests {
     #[test]
     fn the_newest_value_may_be_read_again() {
         let port = port(Queue::Last);
-        assert!(port.read(ReadMode::Newest).value.is_null());
+        assert!(port.read(ReadMode::Newest, Borrower::Callback).value.is_null());
         port.push(sample(1));
         port.push(sample(2));
-        assert_eq!(port.read(ReadMode::Fresh).stamp_ns, 2);
-        assert!(port.read(ReadMode::Fresh).value.is_null());
-        assert_eq!(port.read(ReadMode::Newest).stamp_ns, 2);
+        assert_eq!(port.read(ReadMode::Fresh, Borrower::Callback).stamp_ns, 2);
+        assert!(port.read(ReadMode::Fresh, Borrower::Callback).value.is_null());
+        assert_eq!(port.read(ReadMode::Newest, Borrower::Callback).stamp_ns, 2);
     }
 
     proptest! {
@@ -198,7 +277,7 @@ mod tests {
                     }
                     model.push_back(number);
                 } else {
-                    let read = port.read(ReadMode::Take);
+                    let read = port.read(ReadMode::Take, Borrower::Callback);
                     prop_assert_eq!((!read.value.is_null()).then_some(read.stamp_ns), model.pop_front());
                 }
             }

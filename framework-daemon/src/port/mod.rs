@@ -14,11 +14,16 @@ mod border_calls;
 /// Range checks on the values of a port or connection.
 pub mod check;
 
+/// A value that is read all the time and changed now and then.
+pub mod exchange;
+
 /// Output ports and their connections.
 pub mod output;
 
 /// Whether a port may wait.
 pub mod gate;
+/// The blocks of an output port.
+mod pool;
 
 /// Input ports: newest or FIFO.
 pub mod input;
@@ -29,5 +34,10 @@ pub mod pattern;
 /// The table behind port handles.
 pub mod table;
 
+/// Ports by name.
+pub mod registry;
 /// Who waits for whom.
 pub mod wait;
+
+/// Connections made and cut while everything runs.
+pub mod wiring;

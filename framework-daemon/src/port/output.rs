@@ -1,17 +1,21 @@
 //! Output ports: a block is lent, filled by the component, checked, and handed to every connected input by reference.
+//!
+//! The callbacks of the slot, one thread at a time, lend, fill and send without a lock. Threads that a component started take
+//! turns beside them, with blocks of their own, made when they first write.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use arc_swap::ArcSwap;
 use component_sdk::abi::payload::LoanResult;
 use component_sdk::object::TypeDescriptor;
 use component_sdk::port::Sent;
+use crossbeam_queue::ArrayQueue;
 
-use super::block::{Block, Sample};
+use super::block::Sample;
 use super::check::{self, Candidate, Checks, Verdict};
+use super::exchange::{Busy, Exchange};
 use super::input::{InPort, Pushed};
-use crate::model::limits::SPARE_BLOCKS;
+use super::pool::{Lost, Pool};
+use crate::model::limits::{SPARE_BLOCKS, SPARE_LINKS};
 use crate::sys::clock;
 
 /// One connection: an input port, and the checks on the way to it.
@@ -23,19 +27,31 @@ pub struct Link {
     pub checks: Arc<Checks>,
 }
 
+impl Link {
+    fn is_judged(&self) -> bool {
+        !self.checks.is_empty() || !self.target.checks.is_empty()
+    }
+}
+
 /// Whose call borrows a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Borrower {
-    /// A callback of the instance in use.
+    /// A callback of the instance in use: one thread at a time.
     Callback,
-    /// A thread that a component started: it may still write when its instance is gone.
+    /// A thread that a component started, or a signal handler: it may still write when its instance is gone.
     Other,
 }
 
-/// Makes this thread ready to write to ports: its first look at a set of connections would allocate.
-pub fn warm_up() {
-    let _ = ArcSwap::from_pointee(()).load();
+/// All connections of an output.
+#[derive(Default)]
+struct Table {
+    links: Vec<Link>,
+    /// Something is checked on the way over them.
+    judged: bool,
 }
+
+/// Tables kept for the next edit, so that none allocates.
+const BLANKS: usize = 4;
 
 /// An output port of a slot.
 pub struct OutPort {
@@ -45,182 +61,191 @@ pub struct OutPort {
     pub object: &'static TypeDescriptor,
     /// Checks of the port itself.
     pub checks: Checks,
-    links: ArcSwap<Vec<Link>>,
-    /// Something is checked on the way over them.
-    judged: AtomicBool,
+    table: Exchange<Table>,
+    blanks: ArrayQueue<Vec<Link>>,
+    blocks: Pool,
     // Held for a few instructions in which no memory of a plugin is touched, so that no thread can fault with it.
-    blocks: Mutex<Blocks>,
-}
-
-#[derive(Default)]
-struct Blocks {
-    all: Vec<Sample>,
-    cursor: usize,
-    on_loan: Option<(usize, Borrower)>,
+    aside: Mutex<Pool>,
 }
 
 impl OutPort {
     /// An unconnected port.
     #[must_use]
     pub fn new(name: &str, object: &'static TypeDescriptor, checks: Checks) -> Self {
-        let (links, judged, blocks) = (ArcSwap::default(), AtomicBool::new(false), Mutex::default());
-        let port = Self { name: name.to_owned(), object, checks, links, judged, blocks };
-        port.connect(Vec::new());
-        port
+        let blocks = Pool::new(object, Lost::Again);
+        blocks.grow_to(SPARE_BLOCKS);
+        let table = Exchange::new(Table { judged: !checks.is_empty(), ..Table::default() });
+        let aside = Mutex::new(Pool::new(object, Lost::Never));
+        Self { name: name.to_owned(), object, checks, table, blanks: ArrayQueue::new(BLANKS), blocks, aside }
     }
 
-    /// Replaces all connections at once; values on their way over others are not touched. Makes blocks for all that
-    /// the readers can hold, so that no write allocates.
-    pub fn connect(&self, links: Vec<Link>) {
-        let wanted = links.iter().map(|link| link.target.capacity()).sum::<usize>() + SPARE_BLOCKS;
-        let mut blocks = self.blocks();
-        while blocks.all.len() < wanted {
-            blocks.all.push(Arc::new(Block::new(self.object)));
+    /// Changes the connections, all at once: a value on its way goes over all old ones or over all new ones, and over those
+    /// that stay in any case. Makes blocks for all that the readers can hold, so that no write allocates.
+    ///
+    /// # Errors
+    /// Somebody else changes them all the time.
+    pub fn change(&self, change: impl FnOnce(&mut Vec<Link>)) -> Result<(), Busy> {
+        let mut links = self.blanks.pop().unwrap_or_default();
+        let make = |now: &Table| {
+            links.reserve(now.links.len() + SPARE_LINKS);
+            links.extend_from_slice(&now.links);
+            change(&mut links);
+            self.furnish(std::mem::take(&mut links))
+        };
+        let stale = self.table.edit(make);
+        // Dropped here, where nothing is held: the last holder of an object frees the memory of a plugin.
+        self.keep(links);
+        stale?.into_iter().flatten().for_each(|table| self.keep(table.links));
+        Ok(())
+    }
+
+    /// A table of these links, and blocks for it.
+    fn furnish(&self, links: Vec<Link>) -> Table {
+        self.blocks.grow_to(links.iter().map(|link| link.target.capacity()).sum::<usize>() + SPARE_BLOCKS);
+        let judged = !self.checks.is_empty() || links.iter().any(Link::is_judged);
+        Table { links, judged }
+    }
+
+    fn keep(&self, mut links: Vec<Link>) {
+        links.clear();
+        if links.capacity() > 0 {
+            // There are enough of them otherwise.
+            let _ = self.blanks.push(links);
         }
-        drop(blocks);
-        let is_judged = |link: &Link| !link.checks.is_empty() || !link.target.checks.is_empty();
-        let judged = !self.checks.is_empty() || links.iter().any(is_judged);
-        // Never a checked connection over which a value slips unchecked.
-        self.judged.fetch_or(judged, Ordering::SeqCst);
-        self.links.store(Arc::new(links));
-        self.judged.store(judged, Ordering::SeqCst);
     }
 
-    /// Begins the checks of this port and its connections anew. Not inlined: where it is called, the executor may go on
-    /// on another thread, with other thread-locals.
-    #[inline(never)]
+    /// A reader that is connected.
+    ///
+    /// # Errors
+    /// Too many threads look at the connections.
+    pub(super) fn first_target(&self) -> Result<Option<Arc<InPort>>, Busy> {
+        self.table.visit(|table| table.links.first().map(|link| Arc::clone(&link.target)))
+    }
+
+    /// Begins the checks of this port and its connections anew. Called by the thread that enters the slot's callbacks, between
+    /// them.
     pub fn forget_episodes(&self) {
-        if !self.judged.load(Ordering::SeqCst) {
-            return;
-        }
-        self.checks.forget_episodes();
-        for link in self.links.load().iter() {
-            link.checks.forget_episodes();
-            link.target.checks.forget_episodes();
-        }
+        self.with_table(Borrower::Callback, |table| {
+            self.checks.forget_episodes();
+            for link in table.links.iter().filter(|_| table.judged) {
+                link.checks.forget_episodes();
+                link.target.checks.forget_episodes();
+            }
+        });
     }
 
     /// The connections, as they are.
     #[must_use]
     pub fn links(&self) -> Vec<Link> {
-        self.links.load().to_vec()
+        self.with_table(Borrower::Other, |table| table.links.clone()).unwrap_or_default()
+    }
+
+    /// Shows the connections; `None`: too many threads look at them.
+    #[inline]
+    #[allow(unsafe_code, reason = "the callbacks of a slot own its ports")]
+    fn with_table<R>(&self, borrower: Borrower, look: impl FnOnce(&Table) -> R) -> Option<R> {
+        match borrower {
+            // SAFETY: the border calls it so for the instance whose callback runs on this thread, and nothing for a handler that
+            // interrupts it; a slot has one such thread at a time. What is done within `look` comes back here for no
+            // port of the same slot.
+            Borrower::Callback => Some(unsafe { self.table.own(look) }),
+            Borrower::Other => self.table.visit(look).ok(),
+        }
     }
 
     /// Lends a block that no reader holds.
+    #[inline]
     pub(super) fn loan(&self, borrower: Borrower) -> LoanResult {
-        let mut blocks = self.blocks();
-        blocks.forget_lost_loan(self.object);
-        let index = blocks.free(self.object);
-        blocks.on_loan = Some((index, borrower));
-        let block = &blocks.all[index];
-        LoanResult { value: block.value(), initialised: block.is_filled() }
+        match borrower {
+            Borrower::Callback => self.blocks.lend(),
+            Borrower::Other => self.aside().lend(),
+        }
     }
 
     /// Takes a block back, unsent; the object in it is whole.
-    pub(super) fn give_back(&self, value: *mut u8) {
-        if let Some(block) = self.end_loan(value) {
-            block.fill(0);
+    pub(super) fn give_back(&self, value: *mut u8, borrower: Borrower) {
+        let fill = |pool: &Pool| pool.end_loan(value).into_iter().for_each(|sample| sample.fill(0));
+        match borrower {
+            Borrower::Callback => fill(&self.blocks),
+            Borrower::Other => fill(&self.aside()),
         }
     }
 
     /// Sends the block on loan.
-    pub(super) fn publish(&self, value: *mut u8) -> Sent {
-        let now_ns = clock::now_ns();
-        if self.judged.load(Ordering::SeqCst) {
-            return self.publish_judged(value, now_ns);
+    #[inline]
+    pub(super) fn publish(&self, value: *mut u8, borrower: Borrower) -> Sent {
+        match borrower {
+            Borrower::Callback => {
+                let send = |table: &Table| match table.judged {
+                    true => self.publish_judged(&table.links, value, borrower),
+                    false => self.publish_plainly(&table.links, value),
+                };
+                self.with_table(borrower, send).unwrap_or(Sent::Closed)
+            }
+            Borrower::Other => self.publish_aside(value),
         }
-        let Some(sample) = self.end_loan(value) else { return Sent::Closed };
-        sample.fill(now_ns);
-        let links = self.links.load();
-        if links.is_empty() {
-            return Sent::Unconnected;
+    }
+
+    #[inline]
+    fn publish_plainly(&self, links: &[Link], value: *mut u8) -> Sent {
+        let Some(sample) = self.blocks.end_loan(value) else { return Sent::Closed };
+        // Exact would take longer than all the rest: see `recent_ns` for what an age may be wrong by.
+        sample.fill(clock::recent_ns());
+        send(links, sample)
+    }
+
+    /// From a thread: with its own count of the connections, so that it may end anywhere.
+    fn publish_aside(&self, value: *mut u8) -> Sent {
+        let Some((links, judged)) = self.with_table(Borrower::Other, |table| (table.links.clone(), table.judged))
+        else {
+            return Sent::Dropped;
+        };
+        if judged {
+            return self.publish_judged(&links, value, Borrower::Other);
         }
-        let pushed = links.iter().map(|link| push(&link.target, Arc::clone(&sample)));
-        pushed.fold(Sent::Ok, worse)
+        let Some(sample) = self.aside().end_loan(value).cloned() else { return Sent::Closed };
+        sample.fill(clock::now_ns());
+        send(&links, &sample)
     }
 
     /// Sends the block on loan, judged while it still is: a trap in a check, over a pointer that the component wrote,
     /// leaves no more than a lost loan.
-    fn publish_judged(&self, value: *mut u8, now_ns: u64) -> Sent {
-        if !self.stamp(value, now_ns) {
-            return Sent::Closed;
-        }
-        // Counted, because a guard that a trap leaves behind would slow this thread down for ever. A count that it
-        // leaves keeps one set of connections, once.
-        let links = self.links.load_full();
-        if links.is_empty() {
-            let _ = self.end_loan(value);
-            return Sent::Unconnected;
-        }
-        let share = || self.share(value);
-        let own = Candidate { value, sample: &share };
-        let sent = match self.checks.judge(&self.name, &own, now_ns) {
-            Verdict::Pass => deliver(&links, &own, now_ns),
-            Verdict::Instead(held) => deliver_held(&links, &held, now_ns),
-            Verdict::Withhold => Sent::Dropped,
+    fn publish_judged(&self, links: &[Link], value: *mut u8, borrower: Borrower) -> Sent {
+        let now_ns = clock::now_ns();
+        let share = || match borrower {
+            Borrower::Callback => self.blocks.lent(value).cloned(),
+            Borrower::Other => self.aside().lent(value).cloned(),
         };
-        let _ = self.end_loan(value);
+        // It holds an object from now on.
+        let Some(()) = share().map(|sample| sample.fill(now_ns)) else { return Sent::Closed };
+        let own = Candidate { value, sample: &share };
+        let sent = match links.is_empty() {
+            true => Sent::Unconnected,
+            false => match self.checks.judge(&self.name, &own, now_ns) {
+                Verdict::Pass => deliver(links, &own, now_ns),
+                Verdict::Instead(held) => deliver_held(links, &held, now_ns),
+                Verdict::Withhold => Sent::Dropped,
+            },
+        };
+        match borrower {
+            Borrower::Callback => _ = self.blocks.end_loan(value),
+            Borrower::Other => _ = self.aside().end_loan(value),
+        }
         sent
     }
 
-    /// Says that the block on loan holds an object since `now_ns`; false: this one is not on loan.
-    fn stamp(&self, value: *mut u8, now_ns: u64) -> bool {
-        let sample = self.share(value);
-        sample.iter().for_each(|sample| sample.fill(now_ns));
-        sample.is_some()
-    }
-
-    /// The block on loan, for a reader.
-    fn share(&self, value: *mut u8) -> Option<Sample> {
-        let blocks = self.blocks();
-        let (index, _) = blocks.on_loan?;
-        (blocks.all[index].value() == value).then(|| Arc::clone(&blocks.all[index]))
-    }
-
-    fn end_loan(&self, value: *mut u8) -> Option<Sample> {
-        let mut blocks = self.blocks();
-        let (index, _) = blocks.on_loan.take()?;
-        (blocks.all[index].value() == value).then(|| Arc::clone(&blocks.all[index]))
-    }
-
-    fn blocks(&self) -> MutexGuard<'_, Blocks> {
-        self.blocks.lock().unwrap_or_else(PoisonError::into_inner)
+    fn aside(&self) -> MutexGuard<'_, Pool> {
+        self.aside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Drop for OutPort {
-    /// A block on loan may hold half an object, which nobody may drop.
-    fn drop(&mut self) {
-        self.blocks().forget_lost_loan(self.object);
+/// Hands a value to every reader.
+#[inline]
+fn send(links: &[Link], sample: &Sample) -> Sent {
+    if links.is_empty() {
+        return Sent::Unconnected;
     }
-}
-
-impl Blocks {
-    /// A loan that was never returned belonged to a callback that a trap ended: what lies in its block is half-written,
-    /// so it is neither read nor dropped. A block that another thread may still write is never lent again.
-    fn forget_lost_loan(&mut self, object: &'static TypeDescriptor) {
-        let Some((index, borrower)) = self.on_loan.take() else { return };
-        self.all[index].forget_contents();
-        if borrower == Borrower::Other {
-            let lost = std::mem::replace(&mut self.all[index], Arc::new(Block::new(object)));
-            #[allow(clippy::mem_forget, reason = "a thread that the component started may still write it")]
-            std::mem::forget(lost);
-        }
-    }
-
-    /// Index of a block that only this port holds; a new one where readers hold more than they may.
-    fn free(&mut self, object: &'static TypeDescriptor) -> usize {
-        let count = self.all.len();
-        for step in 0..count {
-            let index = (self.cursor + step) % count;
-            if Arc::get_mut(&mut self.all[index]).is_some() {
-                self.cursor = index + 1;
-                return index;
-            }
-        }
-        self.all.push(Arc::new(Block::new(object)));
-        count
-    }
+    links.iter().map(|link| push(&link.target, Arc::clone(sample))).fold(Sent::Ok, worse)
 }
 
 /// Hands an earlier value to every reader.
@@ -283,7 +308,7 @@ mod tests {
         let input = |_| Arc::new(InPort::new("in", u64::DESCRIPTOR, Queue::Last, Checks::default()));
         let inputs: Vec<_> = (0..readers).map(input).collect();
         let link = |target: &Arc<InPort>| Link { target: Arc::clone(target), checks: Arc::default() };
-        out.connect(inputs.iter().map(link).collect());
+        out.change(|links| links.extend(inputs.iter().map(link))).unwrap();
         (out, inputs)
     }
 
@@ -292,14 +317,14 @@ mod tests {
         let lent = out.loan(Borrower::Callback);
         // SAFETY: the block on loan is for one u64.
         unsafe { lent.value.cast::<u64>().write(number) };
-        assert_eq!(out.publish(lent.value), Sent::Ok);
+        assert_eq!(out.publish(lent.value, Borrower::Callback), Sent::Ok);
         lent.value
     }
 
     #[allow(unsafe_code, reason = "as above")]
     fn read(input: &InPort) -> u64 {
         // SAFETY: a block that was published holds a u64.
-        unsafe { *input.read(ReadMode::Newest).value.cast::<u64>() }
+        unsafe { *input.read(ReadMode::Newest, Borrower::Callback).value.cast::<u64>() }
     }
 
     #[test]
@@ -322,7 +347,10 @@ mod tests {
         let lost = out.loan(Borrower::Other).value;
         let others: Vec<_> = (0..20).map(|number| write(&out, number)).collect();
         assert!(!others.contains(&lost));
-        assert_eq!(out.publish(lost), Sent::Closed);
+        assert_eq!(out.publish(lost, Borrower::Callback), Sent::Closed);
+        let others: Vec<_> = (0..20).map(|_| out.loan(Borrower::Other).value).collect();
+        assert!(!others.contains(&lost));
+        assert_eq!(out.publish(lost, Borrower::Other), Sent::Closed);
         let half = out.loan(Borrower::Callback).value;
         let again: Vec<_> = std::iter::from_fn(|| Some(out.loan(Borrower::Callback))).take(20).collect();
         assert!(again.iter().any(|lent| lent.value == half && !lent.initialised));
@@ -334,14 +362,14 @@ mod tests {
         fn a_block_that_is_looked_at_is_not_overwritten(writes in prop::collection::vec((0..3usize, 1..5u64), 1..60)) {
             let (out, inputs) = connected(3);
             write(&out, 0);
-            let mut seen: Vec<_> = inputs.iter().map(|input| (input.read(ReadMode::Newest), 0)).collect();
+            let mut seen: Vec<_> = inputs.iter().map(|input| (input.read(ReadMode::Newest, Borrower::Callback), 0)).collect();
             let mut number = 0;
             for (reader, count) in writes {
                 for _ in 0..count {
                     number += 1;
                     write(&out, number);
                 }
-                seen[reader] = (inputs[reader].read(ReadMode::Newest), number);
+                seen[reader] = (inputs[reader].read(ReadMode::Newest, Borrower::Callback), number);
                 for (result, expected) in &seen {
                     #[allow(unsafe_code, reason = "the reader looks at what it was lent")]
                     // SAFETY: not read again since, so the block is still held.

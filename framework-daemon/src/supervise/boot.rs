@@ -59,7 +59,8 @@ pub fn boot_unless(
     let catalogue = Catalogue::default().in_directories(directories(&plan, extra));
     let workshop = Workshop::start(faults.clone());
     let workshop = workshop.map_err(|error| BootError::Failed(vec![format!("workshop: no thread: {error}")]))?;
-    let mut system = System { plan, executors: HashMap::new(), slots: Vec::new(), catalogue, workshop, faults };
+    let (executors, slots, registry) = (HashMap::new(), Vec::new(), Arc::default());
+    let mut system = System { plan, executors, slots, registry, catalogue, workshop, faults };
     let plan = Arc::clone(&system.plan);
     let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;
     match bring_up(&mut system, blueprints, given_up) {
@@ -97,8 +98,9 @@ fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>, given_up: &Atom
         system.slots.push(placed);
     }
     let connections = &system.plan.connections;
-    let links = wiring::build(connections, &system.slots).map_err(BootError::Plugins)?;
-    wiring::apply(links, &system.slots);
+    let wiring = wiring::build(&[], connections, &system.slots).map_err(BootError::Plugins)?;
+    wiring::announce(&system.registry, &system.slots);
+    wiring::apply(&wiring, &system.slots);
     rank(&system.slots, connections);
     go_on()?;
     start(&system.slots).map_err(|reason| BootError::Failed(vec![reason]))

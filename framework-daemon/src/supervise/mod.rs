@@ -15,6 +15,9 @@ pub mod reload;
 /// Reverse order, a deadline for each component.
 pub mod shutdown;
 
+/// Connections of service ports.
+pub mod services;
+
 /// The set of live things.
 pub mod system;
 

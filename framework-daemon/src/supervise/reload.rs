@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use super::blueprint::{self, Blueprint};
 use super::boot;
+use super::services;
 use super::system::{Placed, System};
 use super::wiring::{self, Wiring};
 use crate::model::limits::SHUTDOWN_STEP as STEP;
@@ -37,10 +38,10 @@ pub fn reload(system: &mut System, plan: &Arc<Plan>, extra: &[PathBuf]) -> Resul
     let catalogue = system.catalogue.in_directories(boot::directories(plan, extra));
     let blueprints = blueprint::draw(&fresh, &catalogue)?;
     let old_plan = std::mem::replace(&mut system.plan, Arc::clone(plan));
-    match prepare(system, blueprints, plan, &changes) {
+    match prepare(system, blueprints, &old_plan, plan, &changes) {
         Ok((slots, wiring)) => {
             system.catalogue = catalogue;
-            commit(system, slots, wiring, &changes);
+            commit(system, slots, &wiring, &changes);
             Ok(changes)
         }
         Err(reasons) => {
@@ -73,6 +74,7 @@ fn compare(system: &System, plan: &Plan) -> (Changes, Vec<SlotPlan>) {
 fn prepare(
     system: &mut System,
     blueprints: Vec<Blueprint<'_>>,
+    old_plan: &Plan,
     plan: &Plan,
     changes: &Changes,
 ) -> Result<(Vec<Placed>, Wiring), Vec<String>> {
@@ -82,7 +84,8 @@ fn prepare(
         Ok(())
     });
     let slots = assemble(system, &placed, plan, changes);
-    let built = result.map_err(|reason: String| vec![reason]).and_then(|()| wiring::build(&plan.connections, &slots));
+    let build = || wiring::build(&old_plan.connections, &plan.connections, &slots);
+    let built = result.map_err(|reason: String| vec![reason]).and_then(|()| build());
     match built {
         Ok(wiring) => Ok((slots, wiring)),
         Err(reasons) => {
@@ -104,16 +107,17 @@ fn assemble(system: &System, placed: &[Placed], plan: &Plan, changes: &Changes) 
     plan.slots.iter().filter_map(|slot| new(&slot.name).or_else(|| kept(&slot.name))).collect()
 }
 
-fn commit(system: &mut System, slots: Vec<Placed>, wiring: Wiring, changes: &Changes) {
+fn commit(system: &mut System, slots: Vec<Placed>, wiring: &Wiring, changes: &Changes) {
     let leaves = |placed: &&Placed| {
         let name = placed.slot.name;
         changes.removed.iter().chain(&changes.changed).any(|gone| gone == name)
     };
     let leaving: Vec<Placed> = system.slots.iter().rev().filter(leaves).cloned().collect();
-    wiring::replace_providers(&leaving);
+    services::replace_providers(&leaving);
     for old in &leaving {
         warn_if_stuck(old, old.executor.stop_member(old.member, STEP).is_err());
     }
+    wiring::announce(&system.registry, &slots);
     wiring::disconnect(&leaving);
     wiring::apply(wiring, &slots);
     for old in &leaving {

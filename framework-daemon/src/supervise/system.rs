@@ -9,6 +9,7 @@ use crate::exec::slot::Slot;
 use crate::exec::workshop::{Shelf, Workshop};
 use crate::model::fault::FaultSender;
 use crate::plugin::Plugin;
+use crate::port::registry::Registry;
 use crate::profile::plan::Plan;
 
 /// A slot that runs somewhere.
@@ -36,6 +37,8 @@ pub struct System {
     pub executors: HashMap<String, Arc<Executor>>,
     /// Slots in the order in which they were started.
     pub slots: Vec<Placed>,
+    /// Their ports, for who wires at run time.
+    pub registry: Arc<Registry>,
     /// Where plugins come from.
     pub catalogue: Catalogue,
     /// Where spares come from.

@@ -1,4 +1,4 @@
-//! Connections: layouts compared, checks compiled, links built; each output port gets its new set at once.
+//! Connections of plans: layouts compared, checks compiled, each reader given its writers.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -7,93 +7,84 @@ use component_sdk::object::TypeDescriptor;
 use component_sdk::object::path::PathError;
 
 use super::blueprint::Blueprint;
+use super::services::{self, CallLink};
 use super::system::{Placed, by_name};
+use crate::port::border::PortEnd;
 use crate::port::check::Checks;
-use crate::port::output::Link;
-use crate::port::pattern::provider::Provider;
-use crate::port::pattern::requestor::{self, Requestor};
-use crate::profile::plan::{ConnectionPlan, Location, OnGone, PortKind};
+use crate::port::input::InPort;
+use crate::port::registry::{Entry, Registry};
+use crate::port::wiring::{self, Planned};
+use crate::profile::plan::{ConnectionPlan, Location, PortKind, PortRef};
 
-/// New connections.
-#[derive(Default)]
+/// What plans say about one reader.
+pub struct Reader {
+    slot: &'static str,
+    input: Arc<InPort>,
+    writers: Vec<Planned>,
+}
+
+/// All connections of a plan.
 pub struct Wiring {
-    /// Links by slot and output port; every output port has an entry.
-    links: HashMap<(&'static str, String), Vec<Link>>,
+    /// Readers that plans speak of.
+    readers: Vec<Reader>,
     calls: Vec<CallLink>,
 }
 
-/// A client, its server, and whether the server's successor is asked again.
-struct CallLink {
-    from: Arc<Requestor>,
-    to: Arc<Provider>,
-    retry: Option<bool>,
-}
-
-/// Builds all connections of data and service ports.
+/// What the plan says about every reader that it or the one before it speaks of. What nobody speaks of, somebody connected at
+/// run time, and it stays so.
 ///
 /// # Errors
 /// All that is wrong, one text each.
-pub fn build(connections: &[ConnectionPlan], slots: &[Placed]) -> Result<Wiring, Vec<String>> {
-    let mut wiring = Wiring::default();
-    for placed in slots {
-        for port in &placed.slot.outputs {
-            wiring.links.insert((placed.slot.name, port.name.clone()), Vec::new());
-        }
-    }
+pub fn build(
+    before: &[ConnectionPlan],
+    connections: &[ConnectionPlan],
+    slots: &[Placed],
+) -> Result<Wiring, Vec<String>> {
     let names = by_name(slots);
-    let mut errors = Vec::new();
-    for connection in connections {
-        let added = match connection.kind {
-            PortKind::Data => {
-                link(connection, &names).map(|(key, link)| wiring.links.entry(key).or_default().push(link))
-            }
-            PortKind::Service => call_link(connection, &names).map(|link| wiring.calls.push(link)),
-            PortKind::Event => Ok(()),
-        };
-        if let Err(reason) = added {
-            errors.push(at(&connection.location, &reason));
+    let is_data = |connection: &&ConnectionPlan| connection.kind == PortKind::Data;
+    // In the plan's order, which is the order in which a writer serves its readers.
+    let (mut readers, mut places, mut errors) = (Vec::new(), HashMap::new(), Vec::new());
+    for PortRef { slot, port } in connections.iter().chain(before).filter(is_data).map(|connection| &connection.target)
+    {
+        if let Some(placed) = names.get(slot.as_str())
+            && let Some(input) = placed.slot.input(port)
+        {
+            places.entry((slot, port)).or_insert_with(|| {
+                readers.push(Reader { slot: placed.slot.name, input: Arc::clone(input), writers: Vec::new() });
+                readers.len() - 1
+            });
         }
     }
-    if errors.is_empty() { Ok(wiring) } else { Err(errors) }
+    for connection in connections.iter().filter(is_data) {
+        match planned(connection, &names) {
+            Ok(writer) => {
+                let place = places.get(&(&connection.target.slot, &connection.target.port));
+                if let Some(reader) = place.and_then(|place| readers.get_mut(*place)) {
+                    reader.writers.push(writer);
+                }
+            }
+            Err(reason) => errors.push(at(&connection.location, &reason)),
+        }
+    }
+    let calls = services::build(connections, slots).unwrap_or_else(|wrong| {
+        errors.extend(wrong);
+        Vec::new()
+    });
+    if errors.is_empty() { Ok(Wiring { readers, calls }) } else { Err(errors) }
 }
 
-fn call_link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<CallLink, String> {
+fn planned(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<Planned, String> {
     let (from, to) = (&connection.source, &connection.target);
-    let client = slots.get(from.slot.as_str()).and_then(|placed| placed.slot.requestor(&from.port));
-    let server = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.provider(&to.port));
-    let (client, server) = client.zip(server).ok_or_else(|| no_such_port(connection))?;
-    compare_calls(connection, (client.request, client.answer), (server.request, server.answer))?;
-    let retry = connection.on_gone.map(|on_gone| on_gone == OnGone::Retry);
-    Ok(CallLink { from: Arc::clone(client), to: Arc::clone(server), retry })
+    let source = slots.get(from.slot.as_str()).and_then(|placed| placed.slot.output(&from.port));
+    let target = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.input(&to.port));
+    let (source, target) = source.zip(target).ok_or_else(|| no_such_port(connection))?;
+    let checks = compare(connection, source.object, target.object)?;
+    Ok(Planned { output: Arc::clone(source), checks: Arc::new(checks) })
 }
 
-fn no_such_port(connection: &ConnectionPlan) -> String {
+pub(super) fn no_such_port(connection: &ConnectionPlan) -> String {
     let (from, to) = (&connection.source, &connection.target);
     format!("{}.{} -> {}.{}: no such port", from.slot, from.port, to.slot, to.port)
-}
-
-/// Request and answer of a port.
-type Objects = (&'static TypeDescriptor, &'static TypeDescriptor);
-
-/// Holds the objects of a client against those of its server.
-fn compare_calls(connection: &ConnectionPlan, asked: Objects, served: Objects) -> Result<(), String> {
-    let (from, to) = (&connection.source, &connection.target);
-    requestor::difference(asked, served).map_or(Ok(()), |difference| {
-        Err(format!(
-            "{}.{} asks {} for {}, {}.{} answers {} with {}: {difference}; build both plugins against the same definition",
-            from.slot, from.port, asked.0.name, asked.1.name, to.slot, to.port, served.0.name, served.1.name
-        ))
-    })
-}
-
-fn link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<((&'static str, String), Link), String> {
-    let (from, to) = (&connection.source, &connection.target);
-    let source =
-        slots.get(from.slot.as_str()).and_then(|placed| placed.slot.output(&from.port).map(|port| (placed, port)));
-    let target = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.input(&to.port));
-    let ((placed, source), target) = source.zip(target).ok_or_else(|| no_such_port(connection))?;
-    let checks = compare(connection, source.object, target.object)?;
-    Ok(((placed.slot.name, from.port.clone()), Link { target: Arc::clone(target), checks: Arc::new(checks) }))
 }
 
 /// Holds the layouts of both ends against each other and compiles the connection's checks.
@@ -113,7 +104,7 @@ fn compare(
     Checks::compile(&connection.validity, written).map_err(|error| describe(&error))
 }
 
-/// What is wrong with the connections of slots that do not exist yet.
+/// What is wrong with the data connections of slots that do not exist yet.
 #[must_use]
 pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Vec<String> {
     let find = |slot: &str| blueprints.iter().find(|blueprint| blueprint.name() == slot);
@@ -128,7 +119,7 @@ pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Ve
             PortKind::Service => {
                 let client = source.requestors.iter().find(|port| port.name == from.port)?;
                 let server = target.providers.iter().find(|port| port.name == to.port)?;
-                compare_calls(connection, (client.request, client.answer), (server.request, server.answer))
+                services::compare(connection, (client.request, client.answer), (server.request, server.answer))
             }
             PortKind::Event => Ok(()),
         };
@@ -137,47 +128,44 @@ pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Ve
     connections.iter().filter_map(wrong).collect()
 }
 
-/// Puts the links in place. A connection that was there before keeps its checks, with what they remember.
-pub fn apply(mut wiring: Wiring, slots: &[Placed]) {
-    for placed in slots {
-        for port in &placed.slot.outputs {
-            let mut links = wiring.links.remove(&(placed.slot.name, port.name.clone())).unwrap_or_default();
-            let before = port.links();
-            for link in &mut links {
-                let same = |old: &&Link| Arc::ptr_eq(&old.target, &link.target) && old.checks.same_rules(&link.checks);
-                if let Some(old) = before.iter().find(same) {
-                    link.checks = Arc::clone(&old.checks);
-                }
-            }
-            port.connect(links);
+/// Puts the connections in place. One that was there before keeps its checks, with what they remember.
+pub fn apply(wiring: &Wiring, slots: &[Placed]) {
+    for Reader { slot, input, writers } in &wiring.readers {
+        if wiring::set(input, writers).is_err() {
+            complain(slot, &input.name);
         }
     }
-    apply_calls(&wiring.calls, slots);
+    services::apply(&wiring.calls, slots);
 }
 
-/// One that was there before goes on, with the calls that are open over it.
-fn apply_calls(calls: &[CallLink], slots: &[Placed]) {
-    for client in slots.iter().flat_map(|placed| &placed.slot.requestors) {
-        match calls.iter().find(|link| Arc::ptr_eq(&link.from, client)) {
-            Some(link) => {
-                if let Err(reason) = client.connect(&link.to, link.retry) {
-                    tracing::error!("port {}: {reason}", client.name);
-                }
-            }
-            None => client.disconnect(),
-        }
-    }
+fn complain(slot: &str, port: &str) {
+    tracing::error!("{slot}.{port}: it is being wired all the time, and not as its plan says");
 }
 
 /// Takes all connections off slots that leave: their blocks may have to stay, others' ports not.
 pub fn disconnect(slots: &[Placed]) {
-    slots.iter().flat_map(|placed| &placed.slot.outputs).for_each(|port| port.connect(Vec::new()));
-    slots.iter().flat_map(|placed| &placed.slot.requestors).for_each(|port| port.disconnect());
+    for Placed { slot, .. } in slots {
+        let outputs = slot.outputs.iter().map(|port| (&port.name, wiring::detach_all(port)));
+        let inputs = slot.inputs.iter().map(|port| (&port.name, wiring::detach(port)));
+        for (port, _) in outputs.chain(inputs).filter(|(_, detached)| detached.is_err()) {
+            complain(slot.name, port);
+        }
+    }
+    services::disconnect(slots);
 }
 
-/// Nobody is to wait any more for what slots that leave would answer.
-pub fn replace_providers(slots: &[Placed]) {
-    slots.iter().flat_map(|placed| &placed.slot.providers).for_each(|port| port.replace());
+/// Tells whoever wires at run time which ports there are.
+pub fn announce(registry: &Registry, slots: &[Placed]) {
+    let entries = slots.iter().flat_map(|Placed { slot, .. }| {
+        let inputs = slot.inputs.iter().cloned().map(PortEnd::In);
+        let data = inputs.chain(slot.outputs.iter().cloned().map(PortEnd::Out));
+        let clients = slot.requestors.iter().cloned().map(PortEnd::Requestor);
+        let ends = data.chain(clients).chain(slot.providers.iter().cloned().map(PortEnd::Provider));
+        ends.map(|end| Entry { slot: slot.name, end })
+    });
+    if registry.set(entries.collect()).is_err() {
+        tracing::error!("the names of the ports are being changed all the time");
+    }
 }
 
 /// What is wrong with a `field` of a `validity`.

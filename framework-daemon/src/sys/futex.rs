@@ -21,6 +21,11 @@ pub fn wake_one(word: &AtomicU32) {
     call(word, libc::FUTEX_WAKE, 1, std::ptr::null(), 0);
 }
 
+/// Lets other threads go on.
+pub fn pause() {
+    std::thread::yield_now();
+}
+
 fn call(word: &AtomicU32, operation: i32, value: u32, deadline: *const libc::timespec, bitset: i32) {
     // SAFETY: the word outlives the call, the deadline is null or points to a live timespec, and the unused second address
     // is null. Every error (woken, timed out, value changed) means: look again.

@@ -55,10 +55,29 @@ pub fn enter(owner: Owner) -> bool {
     })
 }
 
-/// Says whose code runs on this thread from now on, other than a callback: a thread's, a signal handler's.
+/// Says whose code runs on this thread from now on, other than a callback: a thread's.
 #[inline(never)]
 pub fn adopt(owner: Owner) {
     SEAT.with(|seat| seat.owner.set(owner));
+}
+
+/// Who was interrupted.
+#[derive(Clone, Copy, Debug)]
+pub struct Interrupted(Owner, u64);
+
+/// A signal handler of that owner interrupts whatever runs here: what it calls is no call of a callback.
+#[inline(never)]
+pub fn interrupt(owner: Owner) -> Interrupted {
+    SEAT.with(|seat| Interrupted(seat.owner.replace(owner), seat.entered.replace(0)))
+}
+
+/// What was interrupted goes on.
+#[inline(never)]
+pub fn resume(interrupted: Interrupted) {
+    SEAT.with(|seat| {
+        seat.owner.set(interrupted.0);
+        seat.entered.set(interrupted.1);
+    });
 }
 
 /// Whose code runs, or last ran, on this thread.
@@ -113,6 +132,10 @@ mod tests {
         assert!(enter(Owner { slot: "two", instance: 8 }) && has_notes());
         assert!(take(Note::Found) && !take(Note::Found) && !take(Note::Region) && take(Note::Told));
         assert!(!has_notes());
+        let interrupted = interrupt(Owner::NONE);
+        assert_eq!((owner(), entered()), (Owner::NONE, 0));
+        resume(interrupted);
+        assert_eq!((owner().slot, entered()), ("two", 8));
         adopt(Owner::NONE);
         assert_eq!((owner(), entered()), (Owner::NONE, 8));
     }

@@ -32,3 +32,8 @@ pub fn wake_one(_word: &AtomicU32) {
     let _guard = QUEUE.lock.lock().expect("no thread panics with the lock");
     QUEUE.changed.notify_one();
 }
+
+/// Lets other threads go on.
+pub fn pause() {
+    loom::thread::yield_now();
+}

@@ -17,3 +17,13 @@ pub mod relay;
 #[cfg(not(test))]
 #[path = "../../../framework-daemon/src/sys/wake.rs"]
 pub mod wake;
+
+/// Where the sources look for the atomics.
+pub mod sys {
+    pub use super::futex;
+}
+
+/// A value that is read all the time and changed now and then.
+#[cfg(not(test))]
+#[path = "../../../framework-daemon/src/port/exchange.rs"]
+pub mod exchange;

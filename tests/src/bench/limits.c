@@ -1,6 +1,9 @@
 /* The raw limits of the benchmarks: what the system and a few lines of C can do, with nothing around it. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
+#include <linux/futex.h>
+#include <pthread.h>
+#include <sched.h>
 #include <semaphore.h>
 #include <setjmp.h>
 #include <signal.h>
@@ -114,4 +117,72 @@ void limit_watch_end(void)
 {
     atomic_store(&deadline, 0);
     sem_post(&armed);
+}
+
+/* What a hop is compared with: a function by its address, and the copy of 64 bytes. */
+void limit_copy(void (*call)(void), volatile uint64_t *to, const volatile uint64_t *from, uint64_t times)
+{
+    void (*volatile address)(void) = call;
+    for (uint64_t time = 0; time < times; time++) {
+        address();
+        for (int word = 0; word < 8; word++)
+            to[word] = from[word];
+    }
+}
+
+/* Two threads on the first two processors that wake each other, each asleep until then. */
+static _Atomic uint32_t ball;
+static uint64_t hit_ns;
+
+static void stay_on(int processor)
+{
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    CPU_SET(processor, &set);
+    sched_setaffinity(0, sizeof set, &set);
+}
+
+static void hit(uint32_t to)
+{
+    hit_ns = now();
+    atomic_store(&ball, to);
+    syscall(SYS_futex, &ball, FUTEX_WAKE_PRIVATE, 1, NULL, NULL, 0);
+}
+
+/* Nanoseconds from the other's hit to here. */
+static uint64_t take(uint32_t mine)
+{
+    uint32_t seen;
+    while ((seen = atomic_load(&ball)) != mine)
+        syscall(SYS_futex, &ball, FUTEX_WAIT_PRIVATE, seen, NULL, NULL, 0);
+    return now() - hit_ns;
+}
+
+static void *other_side(void *rounds)
+{
+    stay_on(1);
+    for (uint64_t round = 0; round < (uint64_t)rounds; round++) {
+        take(1);
+        hit(2);
+    }
+    return NULL;
+}
+
+/* Fills `figures` with the nanoseconds of that many wake-ups; the calling thread stays on its processor meanwhile. */
+int limit_wake(uint64_t *figures, uint64_t rounds)
+{
+    pthread_t other;
+    cpu_set_t before;
+    sched_getaffinity(0, sizeof before, &before);
+    atomic_store(&ball, 0);
+    if (pthread_create(&other, NULL, other_side, (void *)rounds) != 0)
+        return 0;
+    stay_on(0);
+    for (uint64_t round = 0; round < rounds; round++) {
+        hit(1);
+        figures[round] = take(2);
+    }
+    pthread_join(other, NULL);
+    sched_setaffinity(0, sizeof before, &before);
+    return 1;
 }

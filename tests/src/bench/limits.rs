@@ -13,6 +13,8 @@ mod c {
         pub(super) fn limit_watchdog();
         pub(super) fn limit_watch_end();
         pub(super) fn limit_hang(budget: u64, call: extern "C" fn()) -> u64;
+        pub(super) fn limit_copy(call: extern "C" fn(), to: *mut u64, from: *const u64, times: u64);
+        pub(super) fn limit_wake(figures: *mut u64, rounds: u64) -> i32;
     }
 }
 
@@ -75,4 +77,25 @@ pub fn watch_end() {
 pub fn hang(budget: Duration) -> u64 {
     // SAFETY: it was prepared; the jump stays inside the C function.
     unsafe { c::limit_hang(budget.as_nanos() as u64, call) }
+}
+
+/// An indirect call and the copy of 64 bytes, `times` times.
+pub fn copy(times: u64) {
+    let (from, mut to) = ([1u64; 8], [0u64; 8]);
+    // SAFETY: both are eight words.
+    unsafe { c::limit_copy(call, to.as_mut_ptr(), from.as_ptr(), times) };
+    black_box(to);
+}
+
+/// From a futex wake on one processor to the first instruction on another, that many times.
+///
+/// # Panics
+/// When the system has no thread left.
+#[must_use]
+pub fn wake(rounds: usize) -> Vec<u64> {
+    let mut figures = vec![0; rounds];
+    // SAFETY: there is room for that many.
+    let done = unsafe { c::limit_wake(figures.as_mut_ptr(), rounds as u64) };
+    assert!(done != 0, "there is a second thread");
+    figures
 }

@@ -13,6 +13,12 @@ pub mod rig;
 /// Busy cores.
 pub mod load;
 
+/// From a write to its readers.
+pub mod hop;
+
+/// A running system to measure.
+pub mod wire;
+
 /// What a guarded call costs.
 pub mod guard;
 

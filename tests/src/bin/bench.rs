@@ -2,13 +2,14 @@
 
 use std::io::{self, BufRead, Write};
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Parser;
 use serde_json::Value;
 use tests::bench::load::Load;
 use tests::bench::rig::Payload;
-use tests::bench::stats::Setting;
-use tests::bench::{erlang, guard, hang, recovery, report};
+use tests::bench::stats::{Samples, Setting};
+use tests::bench::{erlang, guard, hang, hop, recovery, report};
 
 /// As in the daemon.
 #[global_allocator]
@@ -37,7 +38,18 @@ struct Arguments {
     from: Option<PathBuf>,
 }
 
-const NAMES: [&str; 5] = ["guard_cost", "trap_recovery", "panic_recovery", "hang_recovery", "erlang_supervisor"];
+const NAMES: [&str; 8] = [
+    "guard_cost",
+    "hop_same_executor",
+    "hop_cross_executor",
+    "fan_out",
+    "trap_recovery",
+    "panic_recovery",
+    "hang_recovery",
+    "erlang_supervisor",
+];
+/// How long the data path of each kind is measured.
+const RUN: Duration = Duration::from_secs(2);
 /// What takes the place of what failed.
 const PAYLOADS: [Payload; 2] = [Payload::Spare, Payload::Fresh];
 /// Threads that keep all cores busy.
@@ -64,6 +76,7 @@ fn main() -> io::Result<()> {
         for sched in SCHEDS {
             if run.is_asked(load, sched) {
                 let _load = Load::start(threads);
+                run.data_path(load, sched)?;
                 run.recoveries(load, sched)?;
                 run.erlang(load, sched)?;
             }
@@ -100,6 +113,35 @@ impl Run {
             self.tell(setting.line(&mut own, Some(&mut limit)))?;
         }
         Ok(())
+    }
+
+    fn data_path(&mut self, load: &str, sched: &str) -> io::Result<()> {
+        for payload in [hop::Payload::Small, hop::Payload::Large] {
+            self.hop("hop_same_executor", payload.name(), load, sched, || hop::same(payload, sched, RUN))?;
+        }
+        for payload in [hop::Payload::Small, hop::Payload::Large] {
+            self.hop("hop_cross_executor", payload.name(), load, sched, || hop::cross(payload, sched, RUN))?;
+        }
+        for (payload, executor) in [("its executor", "one"), ("another one", "other")] {
+            self.hop("fan_out", payload, load, sched, || hop::fan_out(executor, sched, RUN))?;
+        }
+        Ok(())
+    }
+
+    fn hop(
+        &mut self,
+        bench: &str,
+        payload: &str,
+        load: &str,
+        sched: &str,
+        measure: impl FnOnce() -> (Samples, Samples),
+    ) -> io::Result<()> {
+        if !self.is_wanted(bench) {
+            return Ok(());
+        }
+        let (mut own, mut limit) = measure();
+        let setting = Setting { bench, payload, load, sched };
+        self.tell(setting.line(&mut own, Some(&mut limit)))
     }
 
     fn recoveries(&mut self, load: &str, sched: &str) -> io::Result<()> {

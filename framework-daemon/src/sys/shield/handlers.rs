@@ -53,6 +53,7 @@ impl Entry {
 struct Frame {
     interrupted: *const ucontext_t,
     owner: Owner,
+    before: seat::Interrupted,
     outer: *const Self,
 }
 
@@ -100,9 +101,8 @@ fn relay_address() -> Handler {
 extern "C" fn relay(signal: i32, info: *mut siginfo_t, context: *mut c_void) {
     let entry = Entry::of(signal);
     let handler = entry.handler.load(Ordering::Acquire);
-    let before = seat::owner();
-    let frame = Frame { interrupted: context.cast(), owner: entry.owner(), outer: FRAME.get() };
-    seat::adopt(frame.owner);
+    let owner = entry.owner();
+    let frame = Frame { interrupted: context.cast(), owner, before: seat::interrupt(owner), outer: FRAME.get() };
     FRAME.set(&raw const frame);
     // SAFETY: a function of the signature that the flags tell, as its plugin promised; a plugin is never closed.
     unsafe {
@@ -114,7 +114,7 @@ extern "C" fn relay(signal: i32, info: *mut siginfo_t, context: *mut c_void) {
         }
     }
     FRAME.set(frame.outer);
-    seat::adopt(before);
+    seat::resume(frame.before);
 }
 
 /// A trap while a plugin's handler runs on this thread: the handler is over, and what it interrupted goes on. False: none
@@ -128,6 +128,7 @@ pub(in crate::sys) fn struck(trap: Trap, context: &mut ucontext_t) -> bool {
     // SAFETY: `relay` waits in that frame for the handler that trapped.
     let frame = unsafe { &*frame };
     FRAME.set(frame.outer);
+    seat::resume(frame.before);
     foreign::failed(frame.owner, trap);
     // SAFETY: the kernel keeps what was interrupted until `relay` returns, which it does not any more.
     arch::resume(context, unsafe { &*frame.interrupted });

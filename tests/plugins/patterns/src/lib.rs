@@ -1,0 +1,236 @@
+//! Components that pass values on and measure how long that takes: the benchmarks of the data path.
+//!
+//! Each keeps its figures in memory and writes them to a file when it is stopped, one a line, so that measuring needs
+//! nothing beside what every component has.
+
+use std::fmt::Write;
+
+use component_sdk::prelude::*;
+
+/// Rounds before the first figure is kept.
+const WARM_ROUNDS: u64 = 2_000;
+/// Most figures kept.
+const FIGURES: usize = 200_000;
+
+/// 64 bytes.
+#[repr(C)]
+#[derive(CommObject, Clone, Debug, Default, PartialEq)]
+pub struct Small {
+    /// How many were sent before this one.
+    pub number: u64,
+    /// When it was sent, in nanoseconds.
+    pub sent_ns: u64,
+    /// Something to carry.
+    pub data: [u64; 6],
+}
+
+/// 1 MiB, like a picture.
+#[repr(C)]
+#[derive(CommObject, Clone, Debug, Default, PartialEq)]
+pub struct Large {
+    /// How many were sent before this one.
+    pub number: u64,
+    /// When it was sent, in nanoseconds.
+    pub sent_ns: u64,
+    /// Something to carry.
+    pub data: Sequence<u8>,
+}
+
+/// Figures on their way to a file.
+#[derive(Debug, Default)]
+struct Figures(Vec<u64>);
+
+impl Figures {
+    fn make_room(&mut self, file: &str) {
+        if !file.is_empty() {
+            self.0.reserve_exact(FIGURES);
+        }
+    }
+
+    /// Keeps one, where there is room.
+    fn add(&mut self, nanos: u64) {
+        if self.0.len() < self.0.capacity() {
+            self.0.push(nanos);
+        }
+    }
+
+    fn write(&self, file: &str) -> Outcome {
+        if !file.is_empty() {
+            let mut text = String::new();
+            self.0.iter().for_each(|figure| _ = writeln!(text, "{figure}"));
+            std::fs::write(file, text)?;
+        }
+        Ok(())
+    }
+}
+
+/// Defines a class that passes on what it hears.
+macro_rules! hop {
+    ($(#[$doc:meta])* $class:ident, $object:ty, $fill:expr) => {
+        $(#[$doc])*
+        #[derive(Component)]
+        #[component(version = "1.0", nonperiodic)]
+        pub struct $class {
+            #[port]
+            heard: DataIn<$object>,
+            #[port]
+            said: DataOut<$object>,
+            /// Sends the first value.
+            #[property(default = false)]
+            leads: bool,
+            /// Values between two readings of the clock; 0: every value tells when it was sent.
+            #[property(default = 0, range = 0..=1000000)]
+            batch: u64,
+            /// Where the figures go; empty: none are kept.
+            #[property(default = "")]
+            file: String,
+            figures: Figures,
+            rounds: u64,
+            since: u64,
+        }
+
+        impl $class {
+            fn send(&mut self, number: u64, sent_ns: u64) {
+                let mut value = self.said.loan();
+                value.number = number;
+                value.sent_ns = sent_ns;
+                ($fill)(&mut *value);
+                value.send();
+            }
+        }
+
+        impl Callbacks for $class {
+            fn start(&mut self, _: &mut Context<'_>) -> Outcome {
+                self.figures.make_room(&self.file);
+                if self.leads {
+                    self.send(0, 0);
+                }
+                Ok(())
+            }
+
+            fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+                let heard_ns = if self.batch == 0 { cx.clock().as_nanos() } else { 0 };
+                let Some(value) = self.heard.fresh() else { return Ok(()) };
+                let (number, sent_ns) = (value.number, value.sent_ns);
+                self.rounds += 1;
+                if self.batch > 0 && self.rounds.is_multiple_of(self.batch) {
+                    let now = cx.clock().as_nanos();
+                    if self.rounds > WARM_ROUNDS {
+                        // Two hops a round.
+                        self.figures.add((now - self.since) / (2 * self.batch));
+                    }
+                    self.since = now;
+                }
+                if self.batch == 0 {
+                    if self.rounds > WARM_ROUNDS {
+                        self.figures.add(heard_ns.saturating_sub(sent_ns));
+                    }
+                    self.send(number + 1, cx.clock().as_nanos());
+                } else {
+                    self.send(number + 1, 0);
+                }
+                Ok(())
+            }
+
+            fn stop(&mut self, _: &mut Context<'_>) -> Outcome {
+                self.figures.write(&self.file)
+            }
+        }
+    };
+}
+
+hop!(
+    /// Passes 64 bytes on.
+    HopSmall,
+    Small,
+    |_: &mut Small| {}
+);
+
+hop!(
+    /// Passes 1 MiB on, which is filled once.
+    HopLarge,
+    Large,
+    |large: &mut Large| {
+        if large.data.len() != 1 << 20 {
+            large.data.resize(1 << 20, 7);
+        }
+    }
+);
+
+/// Writes one value to all its readers whenever one of them answers.
+#[derive(Component)]
+#[component(version = "1.0", nonperiodic)]
+pub struct Caster {
+    #[port]
+    heard: DataIn<Small>,
+    #[port]
+    said: DataOut<Small>,
+    /// How many readers there are.
+    #[property(default = 1, range = 1..=10000)]
+    readers: u64,
+    /// Where the figures go; empty: none are kept.
+    #[property(default = "")]
+    file: String,
+    figures: Figures,
+    rounds: u64,
+}
+
+impl Callbacks for Caster {
+    fn start(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.figures.make_room(&self.file);
+        self.said.write(Small::default());
+        Ok(())
+    }
+
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        if self.heard.fresh().is_none() {
+            return Ok(());
+        }
+        self.rounds += 1;
+        let began = cx.clock();
+        let mut value = self.said.loan();
+        value.number = self.rounds;
+        value.send();
+        let took = cx.clock().since(began).as_nanos() as u64;
+        if self.rounds > WARM_ROUNDS {
+            self.figures.add(took / self.readers);
+        }
+        Ok(())
+    }
+
+    fn stop(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.figures.write(&self.file)
+    }
+}
+
+/// Hears, and answers where somebody is connected.
+#[derive(Component)]
+#[component(version = "1.0", nonperiodic)]
+pub struct Ear {
+    #[port]
+    heard: DataIn<Small>,
+    #[port]
+    said: DataOut<Small>,
+    /// Answers each value.
+    #[property(default = false)]
+    answers: bool,
+}
+
+impl Callbacks for Ear {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        let number = self.heard.fresh().map_or(0, |value| value.number);
+        if self.answers {
+            self.said.write(Small { number, ..Small::default() });
+        }
+        Ok(())
+    }
+}
+
+/// Takes a place on an executor and does nothing.
+#[derive(Component)]
+#[component(version = "1.0", passive)]
+pub struct Idler {}
+
+impl Callbacks for Idler {}
+
+export_components!(HopSmall, HopLarge, Caster, Ear, Idler);

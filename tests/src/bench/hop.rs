@@ -1,0 +1,106 @@
+//! From a write to the reader: on one executor, between two, and to a hundred readers.
+
+use std::time::{Duration, Instant};
+
+use super::limits;
+use super::stats::Samples;
+use super::wire::{Bench, on};
+
+/// Rounds of system and limit, in turns.
+const ROUNDS: usize = 5;
+/// Values between two readings of the clock: a hop is shorter than the clock's own cost.
+const BATCH: &str = "500";
+/// Idle members beside those that pass values on, so that what an executor does once in a while is divided by many hops.
+const IDLE: usize = 62;
+/// Readers of one output.
+const READERS: usize = 100;
+/// Where the figures go.
+const FILE: (&str, &str, &str) = ("file", "string", "@/figures");
+
+/// What is passed on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Payload {
+    /// 64 bytes.
+    Small,
+    /// 1 MiB.
+    Large,
+}
+
+impl Payload {
+    /// `64 B`, `1 MiB`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Small => "64 B",
+            Self::Large => "1 MiB",
+        }
+    }
+
+    const fn class(self) -> &'static str {
+        match self {
+            Self::Small => "HopSmall",
+            Self::Large => "HopLarge",
+        }
+    }
+}
+
+/// Nanoseconds a hop between two slots of one executor, as the mean of many, and an indirect call with a copy of 64 bytes.
+#[must_use]
+pub fn same(payload: Payload, sched: &str, run: Duration) -> (Samples, Samples) {
+    let leader = [("leads", "bool", "true"), ("batch", "int", BATCH), FILE];
+    let follower = [("batch", "int", BATCH)];
+    let mut slots = vec![on("one", "ping", payload.class(), &leader), on("one", "pong", payload.class(), &follower)];
+    slots.extend((0..IDLE).map(|number| on("one", &format!("idle{number}"), "Idler", &[])));
+    in_turns(run, || ring(sched, &slots), copies)
+}
+
+/// Nanoseconds of each hop between two executors, and of a bare futex wake between two threads.
+#[must_use]
+pub fn cross(payload: Payload, sched: &str, run: Duration) -> (Samples, Samples) {
+    let slots = [
+        on("one", "ping", payload.class(), &[("leads", "bool", "true"), FILE]),
+        on("other", "pong", payload.class(), &[]),
+    ];
+    let wakes = || limits::wake(5_000);
+    in_turns(run, || ring(sched, &slots), wakes)
+}
+
+fn ring(sched: &str, slots: &[String]) -> Bench {
+    Bench::start(sched, slots, &["ping.said -> pong.heard", "pong.said -> ping.heard"])
+}
+
+/// Nanoseconds a reader that a write to a hundred takes, and a copy of 64 bytes for each.
+#[must_use]
+pub fn fan_out(executor: &str, sched: &str, run: Duration) -> (Samples, Samples) {
+    let readers = READERS.to_string();
+    let mut slots = vec![on("one", "caster", "Caster", &[("readers", "int", &readers), FILE])];
+    let ear = |number| {
+        let answers = if number + 1 == READERS { "true" } else { "false" };
+        on(executor, &format!("ear{number}"), "Ear", &[("answers", "bool", answers)])
+    };
+    slots.extend((0..READERS).map(ear));
+    let mut connections: Vec<_> = (0..READERS).map(|number| format!("caster.said -> ear{number}.heard")).collect();
+    connections.push(format!("ear{}.said -> caster.heard", READERS - 1));
+    let connections: Vec<&str> = connections.iter().map(String::as_str).collect();
+    in_turns(run, || Bench::start(sched, &slots, &connections), copies)
+}
+
+/// A thousand figures of an indirect call with a copy of 64 bytes.
+fn copies() -> Vec<u64> {
+    const TIMES: u64 = 1_000;
+    let figure = |_| {
+        let began = Instant::now();
+        limits::copy(TIMES);
+        began.elapsed().as_nanos() as u64 / TIMES
+    };
+    (0..1_000).map(figure).collect()
+}
+
+fn in_turns(run: Duration, system: impl Fn() -> Bench, limit: impl Fn() -> Vec<u64>) -> (Samples, Samples) {
+    let (mut own, mut raw) = (Samples::default(), Samples::default());
+    for _ in 0..ROUNDS {
+        system().finish(run / ROUNDS as u32, &mut own);
+        limit().into_iter().for_each(|figure| raw.add(figure));
+    }
+    (own, raw)
+}

@@ -1,0 +1,82 @@
+//! A running system of the measuring components, on two executors that stay on a processor each.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use framework_daemon::model::fault::FaultEvent;
+use framework_daemon::profile::load;
+use framework_daemon::supervise::boot::boot;
+use framework_daemon::supervise::shutdown::shutdown;
+use framework_daemon::supervise::system::System;
+use framework_daemon::sys::trap;
+
+use super::rig::PRIORITY;
+use super::stats::Samples;
+use crate::profiles::{Profiles, application, plugin_dir, slot};
+
+/// A system of these slots, `name class executor properties`, and connections.
+pub struct Bench {
+    profiles: Profiles,
+    system: Option<System>,
+    // Nobody answers: the faults of a benchmark are its panics.
+    _faults: crossbeam_channel::Receiver<FaultEvent>,
+}
+
+/// A slot on the executor of that name.
+#[must_use]
+pub fn on(executor: &str, name: &str, class: &str, properties: &[(&str, &str, &str)]) -> String {
+    let property = |(name, kind, value): &(&str, &str, &str)| {
+        format!("<property name=\"{name}\" type=\"{kind}\">{value}</property>")
+    };
+    let properties: String = properties.iter().map(property).collect();
+    slot(name, class, &format!("<executor>{executor}</executor><properties>{properties}</properties>"))
+}
+
+impl Bench {
+    /// Brings it up; `@` in the slots stands for the directory of the figures.
+    ///
+    /// # Panics
+    /// When it does not come up.
+    #[must_use]
+    pub fn start(sched: &str, slots: &[String], connections: &[&str]) -> Self {
+        trap::install();
+        let profiles = Profiles::new("");
+        profiles.describe(&plugin_dir().join("libpatterns.so"));
+        let here = profiles.path().display().to_string();
+        profiles.write("app.xml", &application(slots, connections).replace('@', &here));
+        let policy = if sched == "fifo" { format!("policy=\"fifo\" priority=\"{PRIORITY}\"") } else { String::new() };
+        let executor = |name: &str, cpu: usize| format!("<executor name=\"{name}\" cpu=\"{cpu}\" {policy}/>");
+        let executors = executor("one", 0) + &executor("other", 1);
+        profiles.write("system.xml", &format!("<system_profile><name>bench</name>{executors}</system_profile>"));
+        let plan = load::load(profiles.path()).expect("the profile is valid").plan;
+        let (sender, faults) = crossbeam_channel::bounded(64);
+        let system = boot(Arc::new(plan), &[plugin_dir()], sender).expect("the components come up");
+        Self { profiles, system: Some(system), _faults: faults }
+    }
+
+    /// The running system.
+    ///
+    /// # Panics
+    /// Never: it runs until it is stopped.
+    #[must_use]
+    pub fn system(&self) -> &System {
+        self.system.as_ref().expect("it runs until it is stopped")
+    }
+
+    /// Lets it run for that long, stops it, and adds what it measured.
+    ///
+    /// # Panics
+    /// When it did not write its figures.
+    pub fn finish(mut self, run: Duration, into: &mut Samples) {
+        std::thread::sleep(run);
+        self.system.take().into_iter().for_each(shutdown);
+        let text = std::fs::read_to_string(self.profiles.path().join("figures")).expect("figures were written");
+        text.lines().filter_map(|line| line.parse().ok()).for_each(|figure| into.add(figure));
+    }
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        self.system.take().into_iter().for_each(shutdown);
+    }
+}

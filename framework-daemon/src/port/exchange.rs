@@ -73,7 +73,8 @@ impl<T> Exchange<T> {
     /// # Errors
     /// Too many do that at the same time.
     pub fn visit<R>(&self, look: impl FnOnce(&T) -> R) -> Result<R, Busy> {
-        let pin = patiently(|| self.pins[1..].iter().find(|pin| claim(pin, NONE, self.current.load(Ordering::Acquire))))?;
+        let pin =
+            patiently(|| self.pins[1..].iter().find(|pin| claim(pin, NONE, self.current.load(Ordering::Acquire))))?;
         let index = self.pin(pin);
         // SAFETY: pinned until the line after it.
         let result = unsafe { self.show(index, look) };

@@ -196,7 +196,8 @@ impl OutPort {
 
     /// From a thread: with its own count of the connections, so that it may end anywhere.
     fn publish_aside(&self, value: *mut u8) -> Sent {
-        let Some((links, judged)) = self.with_table(Borrower::Other, |table| (table.links.clone(), table.judged)) else {
+        let Some((links, judged)) = self.with_table(Borrower::Other, |table| (table.links.clone(), table.judged))
+        else {
             return Sent::Dropped;
         };
         if judged {

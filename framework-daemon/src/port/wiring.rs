@@ -104,7 +104,9 @@ pub fn disconnect(registry: &Registry, name: Name<'_>) -> Result<(), Refusal> {
 fn find(registry: &Registry, name: Name<'_>) -> Result<PortEnd, Refusal> {
     let Name { slot, port } = name;
     registry.find(slot, port).map_err(|unknown| match unknown {
-        Unknown::Slot => Refusal::new(Cause::UnknownComponent, format_args!("{name}: there is no slot {slot} with ports")),
+        Unknown::Slot => {
+            Refusal::new(Cause::UnknownComponent, format_args!("{name}: there is no slot {slot} with ports"))
+        }
         Unknown::Port => Refusal::new(Cause::UnknownPort, format_args!("{name}: slot {slot} has no port {port}")),
         Unknown::Busy => busy(name),
     })
@@ -396,7 +398,10 @@ mod tests {
         let (cause, text) = refused(out(0), out(1));
         assert!(cause == Cause::IncompatibleService && text.contains("a.out") && text.contains("b.out"), "{text}");
         let (cause, text) = refused(d, out(1));
-        assert!(cause == Cause::IncompatibleService && text.contains("b.out carries uint64_t, d.in expects double"), "{text}");
+        assert!(
+            cause == Cause::IncompatibleService && text.contains("b.out carries uint64_t, d.in expects double"),
+            "{text}"
+        );
         assert_eq!(write(&rig.outputs[1], 1u64), Sent::Unconnected);
         let nobody = Name { slot: "nobody", port: "in" };
         let (cause, text) = refused(out(0), nobody);
@@ -414,8 +419,12 @@ mod tests {
         const WRITES: u64 = 50_000;
         let rig = rig(Value::DESCRIPTOR);
         let steady = Overflow::DropNewest;
-        let kept =
-            Arc::new(InPort::new("kept", Value::DESCRIPTOR, Queue::Fifo { size: 64, overflow: steady }, Checks::default()));
+        let kept = Arc::new(InPort::new(
+            "kept",
+            Value::DESCRIPTOR,
+            Queue::Fifo { size: 64, overflow: steady },
+            Checks::default(),
+        ));
         set(&kept, &[Planned { output: Arc::clone(&rig.outputs[0]), checks: Checks::none() }]).unwrap();
         let over = AtomicBool::new(false);
         let whole = |value: Value| {

@@ -39,7 +39,8 @@ pub fn build(
     let is_data = |connection: &&ConnectionPlan| connection.kind == PortKind::Data;
     // In the plan's order, which is the order in which a writer serves its readers.
     let (mut wiring, mut places, mut errors) = (Wiring::new(), HashMap::new(), Vec::new());
-    for PortRef { slot, port } in connections.iter().chain(before).filter(is_data).map(|connection| &connection.target) {
+    for PortRef { slot, port } in connections.iter().chain(before).filter(is_data).map(|connection| &connection.target)
+    {
         if let Some(placed) = names.get(slot.as_str())
             && let Some(input) = placed.slot.input(port)
         {

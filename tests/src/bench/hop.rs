@@ -49,8 +49,7 @@ impl Payload {
 pub fn same(payload: Payload, sched: &str, run: Duration) -> (Samples, Samples) {
     let leader = [("leads", "bool", "true"), ("batch", "int", BATCH), FILE];
     let follower = [("batch", "int", BATCH)];
-    let mut slots =
-        vec![on("one", "ping", payload.class(), &leader), on("one", "pong", payload.class(), &follower)];
+    let mut slots = vec![on("one", "ping", payload.class(), &leader), on("one", "pong", payload.class(), &follower)];
     slots.extend((0..IDLE).map(|number| on("one", &format!("idle{number}"), "Idler", &[])));
     in_turns(run, || ring(sched, &slots), copies)
 }

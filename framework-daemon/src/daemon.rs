@@ -10,6 +10,8 @@ use std::time::Instant;
 use crossbeam_channel::{Receiver, after, never, select};
 use serde_json::{Value, json};
 
+use crate::control::socket::Socket;
+use crate::control::{Control, ReloadOrder, Reloaded, views};
 use crate::fault::journal::Journal;
 use crate::fault::manager::{self, Manager, SharedJournal};
 use crate::model::fault::RestartRequest;
@@ -33,8 +35,8 @@ pub mod drill;
 /// The boot, which a signal may interrupt.
 mod rise;
 
-/// How everything is.
-pub mod status;
+/// How the last run ended.
+mod last_run;
 
 pub use drill::Injection;
 use rise::Risen;
@@ -48,6 +50,8 @@ pub struct Settings {
     pub plugins: Vec<PathBuf>,
     /// Where the journal goes.
     pub journal: PathBuf,
+    /// Where the control socket is; `None`: at the usual place, if it can be had.
+    pub socket: Option<PathBuf>,
     /// Faults to provoke.
     pub injections: Vec<Injection>,
 }
@@ -127,6 +131,14 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
     let journal = open_journal(settings)?;
     let (manager, faults) = manager::start(Arc::clone(&journal))?;
     manager.restart_on_taint(loaded.plan.system.on_taint == OnTaint::Restart);
+    let mut control = match open_control(settings, &manager) {
+        Ok(control) => control,
+        Err(reason) => {
+            drop(faults);
+            give_up(&journal, manager, settings, std::slice::from_ref(&reason));
+            return Err(RunError::Failed(vec![reason]));
+        }
+    };
     let risen = rise::rise(Arc::new(loaded.plan), settings.plugins.clone(), faults, &requests)?;
     let (system, reload) = match risen {
         Risen::Up { system, reload } => (*system, reload),
@@ -142,12 +154,13 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
     };
     let fields = json!({"accepted": true, "directory": settings.directory, "slots": system.slots.len()});
     note(&journal, "start", &fields);
+    control.publish(&system);
     // Nobody may be listening any more; the robot runs all the same.
     let _ = announce(&system, out);
     let pending = drill::sorted(&settings.injections);
-    let mut daemon = Daemon { settings, system, journal, manager, began: Instant::now(), pending };
+    let mut daemon = Daemon { settings, system, journal, manager, control, began: Instant::now(), pending };
     if reload {
-        daemon.reload();
+        let _ = daemon.reload();
     }
     Ok(daemon.serve(&requests, &strays))
 }
@@ -157,10 +170,27 @@ fn open_journal(settings: &Settings) -> Result<SharedJournal, RunError> {
     let journal =
         journal.map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
     last_words::prepare(journal.as_fd())?;
-    if let Some(told) = journal.last().and_then(Value::as_object).and_then(status::last_run) {
+    if let Some(told) = journal.last().and_then(Value::as_object).and_then(last_run::tell) {
         tracing::warn!("{told}");
     }
     Ok(Arc::new(Mutex::new(journal)))
+}
+
+/// The control socket: where it was asked for it must be had, at the usual place it may be another daemon's.
+fn open_control(settings: &Settings, manager: &Manager) -> Result<Control, String> {
+    let taken = settings.socket.as_deref().map_or_else(Socket::take_default, Socket::take);
+    let control = taken.and_then(|socket| {
+        tracing::info!("control socket: {}", socket.path().display());
+        let control = Control::start(socket, settings.directory.clone(), manager.outlook());
+        control.map_err(|error| format!("control socket: {error}"))
+    });
+    match control {
+        Err(reason) if settings.socket.is_none() => {
+            tracing::warn!("{reason}; it runs without");
+            Ok(Control::absent())
+        }
+        control => control,
+    }
 }
 
 /// A boot that came to nothing is in the journal, with the faults that it was given up for.
@@ -196,6 +226,7 @@ struct Daemon<'a> {
     system: System,
     journal: SharedJournal,
     manager: Manager,
+    control: Control,
     began: Instant,
     pending: Vec<Injection>,
 }
@@ -203,6 +234,7 @@ struct Daemon<'a> {
 impl Daemon<'_> {
     fn serve(mut self, requests: &Receiver<Request>, strays: &Receiver<Report>) -> Ending {
         let restarts = self.manager.restarts().clone();
+        let orders = self.control.orders().clone();
         let ending = loop {
             let alarm =
                 self.pending.last().map_or_else(never, |next| after(next.after.saturating_sub(self.began.elapsed())));
@@ -210,7 +242,7 @@ impl Daemon<'_> {
                 recv(requests) -> request => match request {
                     // Many reloads at once are one, and a stop among them wins.
                     Ok(Request::Reload) if requests.try_iter().any(|other| other == Request::Stop) => break Ending::Stopped,
-                    Ok(Request::Reload) => self.reload(),
+                    Ok(Request::Reload) => _ = self.reload(),
                     Ok(Request::Status) => self.tell_status(),
                     Ok(Request::Stop) | Err(_) => break Ending::Stopped,
                 },
@@ -221,6 +253,17 @@ impl Daemon<'_> {
                     // The fault manager ends when the last executor does: not before this loop.
                     Err(_) => break Ending::Stopped,
                 },
+                recv(orders) -> order => {
+                    // Many reloads at once are one, and a stop among them wins.
+                    let others: Vec<_> = requests.try_iter().collect();
+                    if others.contains(&Request::Stop) {
+                        break Ending::Stopped;
+                    }
+                    self.obey(order.into_iter().chain(orders.try_iter()).collect());
+                    if others.contains(&Request::Status) {
+                        self.tell_status();
+                    }
+                }
                 recv(strays) -> report => report.iter().for_each(|report| self.blame(report)),
                 recv(alarm) -> _ => self.inject(),
             }
@@ -254,21 +297,25 @@ impl Daemon<'_> {
         }
     }
 
-    fn reload(&mut self) {
+    /// One reload for all who wait for one.
+    fn obey(&mut self, orders: Vec<ReloadOrder>) {
+        if !orders.is_empty() {
+            let reloaded = self.reload();
+            orders.into_iter().for_each(|order| order.answer(&reloaded));
+        }
+    }
+
+    fn reload(&mut self) -> Reloaded {
         tracing::info!("reloading {}", self.settings.directory.display());
+        self.control.reloading();
         let result = load::load(&self.settings.directory)
             .map_err(|diagnostics| diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>())
             .and_then(|loaded| reload(&mut self.system, &Arc::new(loaded.plan), &self.settings.plugins));
-        match result {
+        self.control.publish(&self.system);
+        match &result {
             Ok(changes) => {
                 self.manager.restart_on_taint(self.system.plan.system.on_taint == OnTaint::Restart);
-                tracing::info!(
-                    "reloaded: added [{}], changed [{}], removed [{}], {} not touched",
-                    changes.added.join(", "),
-                    changes.changed.join(", "),
-                    changes.removed.join(", "),
-                    changes.kept
-                );
+                tracing::info!("{changes}");
                 note(
                     &self.journal,
                     "reload",
@@ -282,23 +329,26 @@ impl Daemon<'_> {
                 note(&self.journal, "reload", &json!({"accepted": false, "reasons": reasons}));
             }
         }
+        result
     }
 
     fn tell_status(&self) {
-        let slots = self.system.slots.iter().map(status::of_placed);
-        let (slots, ledger): (Vec<Value>, _) = (slots.collect(), self.manager.ledger());
-        status::table(&slots, ledger).iter().for_each(|line| tracing::info!("{line}"));
-        note(&self.journal, "status", &json!({"slots": slots, "process": status::of_process(ledger)}));
+        let slots = self.system.slots.iter().map(|placed| views::of_running(&placed.slot, &placed.shelf));
+        let (slots, process): (Vec<Value>, _) = (slots.collect(), views::of_process(self.manager.ledger()));
+        views::status_table(&slots, &process).iter().for_each(|line| tracing::info!("{line}"));
+        note(&self.journal, "status", &json!({"slots": slots, "process": process}));
     }
 
     fn stop(self) {
+        // Whoever asks from now on finds nobody, not a system that is half gone.
+        drop(self.control);
         let ending = self.system.slots.iter().map(|placed| &placed.slot);
         let ending: Vec<_> = ending.map(|slot| (Arc::clone(slot), slot.status.state())).collect();
         shutdown(self.system);
         let ledger = self.manager.finish(SHUTDOWN_STEP);
         // Counters with what the way out added, states as they were before it.
-        let slots: Vec<Value> = ending.iter().map(|(slot, state)| status::of_slot(slot, *state)).collect();
-        note(&self.journal, "stop", &json!({"slots": slots, "process": status::of_process(ledger)}));
+        let slots: Vec<Value> = ending.iter().map(|(slot, state)| views::of_slot(slot, *state)).collect();
+        note(&self.journal, "stop", &json!({"slots": slots, "process": views::of_process(ledger)}));
         if ledger.tainted > 0 {
             tracing::warn!("memory was suspect after {} faults of this run", ledger.tainted);
         }

@@ -2,7 +2,8 @@
 //!
 //! A module may use only modules to its left (`tests/tests/tidy.rs` keeps it so):
 //!
-//! `model -> sys -> detect -> profile -> plugin -> port -> exec -> fault -> supervise -> daemon -> cli -> main`
+//! `model -> sys -> detect -> profile -> plugin -> port -> exec -> fault -> supervise -> control -> daemon ->
+//! cli -> main`
 //!
 //! - **Data path**: `port::border (a component writes) -> port::check -> port::output -> port::input -> exec::executor ->
 //!   exec::callback`
@@ -35,6 +36,9 @@ pub mod fault;
 
 /// Whole-system operations: boot, reload, shutdown.
 pub mod supervise;
+
+/// The control socket: how everything is, and orders, over varlink's wire form.
+pub mod control;
 
 /// The main loop of `run`.
 pub mod daemon;

@@ -1,5 +1,8 @@
 //! Harness of the black-box tests: start the daemon, wait until it is ready, talk to it.
 
+/// Clients of the control socket.
+pub mod asking;
+
 /// Benchmarks.
 pub mod bench;
 

@@ -22,7 +22,8 @@ pub struct Running {
     child: Child,
     log: Arc<Mutex<String>>,
     journal: PathBuf,
-    _scratch: Option<TempDir>,
+    socket: PathBuf,
+    _scratch: TempDir,
 }
 
 impl Running {
@@ -67,10 +68,8 @@ impl Running {
     }
 
     fn spawn_with(directory: &Path, arguments: &[&str], log: &str) -> Self {
-        let scratch = TempDir::new().expect("a temporary directory");
-        let mut running = Self::launch(&scratch.path().join("journal.jsonl"), directory, arguments, log);
-        running._scratch = Some(scratch);
-        running
+        let scratch = scratch();
+        Self::launch(&scratch.path().join("journal.jsonl"), directory, arguments, log, scratch)
     }
 
     /// As [`Self::spawn`], on a journal that others wrote into.
@@ -79,26 +78,39 @@ impl Running {
     /// When the binary cannot be started.
     #[must_use]
     pub fn spawn_on(journal: &Path, directory: &Path, arguments: &[&str]) -> Self {
-        Self::launch(journal, directory, arguments, "info")
+        Self::launch(journal, directory, arguments, "info", scratch())
     }
 
-    fn launch(journal: &Path, directory: &Path, arguments: &[&str], log: &str) -> Self {
-        let mut child = Command::new(daemon_binary())
-            .arg("run")
-            .arg(directory)
-            .args(["--plugins".as_ref(), plugin_dir().as_os_str()])
-            .args(["--journal".as_ref(), journal.as_os_str()])
-            .args(arguments)
-            .env("RUST_LOG", log)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("the daemon's binary runs");
+    /// As [`Self::start`], without saying where the control socket is: a user's, whose runtime directory this is.
+    ///
+    /// # Panics
+    /// When it does not get ready.
+    #[must_use]
+    pub fn start_at_home(directory: &Path, runtime: &Path) -> Self {
+        let scratch = scratch();
+        let journal = scratch.path().join("journal.jsonl");
+        let mut command = command(&journal, directory, &[], "info");
+        command.env("XDG_RUNTIME_DIR", runtime);
+        let socket = runtime.join("framework-daemon/control.sock");
+        Self::begin(command, journal, socket, scratch).ready()
+    }
+
+    fn launch(journal: &Path, directory: &Path, arguments: &[&str], log: &str, scratch: TempDir) -> Self {
+        let socket = scratch.path().join("control.sock");
+        let mut command = command(journal, directory, arguments, log);
+        // Many daemons run at once: each has a socket of its own, where a test does not say otherwise.
+        if !arguments.contains(&"--socket") {
+            command.arg("--socket").arg(&socket);
+        }
+        Self::begin(command, journal.to_owned(), socket, scratch)
+    }
+
+    fn begin(mut command: Command, journal: PathBuf, socket: PathBuf, scratch: TempDir) -> Self {
+        let mut child = command.spawn().expect("the daemon's binary runs");
         let log = Arc::new(Mutex::new(String::new()));
         collect(child.stdout.take().expect("stdout is piped"), &log);
         collect(child.stderr.take().expect("stderr is piped"), &log);
-        Self { child, log, journal: journal.to_owned(), _scratch: None }
+        Self { child, log, journal, socket, _scratch: scratch }
     }
 
     /// Its process number.
@@ -111,6 +123,12 @@ impl Running {
     #[must_use]
     pub fn journal_file(&self) -> &Path {
         &self.journal
+    }
+
+    /// Where its control socket is.
+    #[must_use]
+    pub fn socket(&self) -> &Path {
+        &self.socket
     }
 
     /// All that it printed so far, stdout and stderr.
@@ -248,6 +266,18 @@ impl Running {
     pub fn is_alive(&mut self) -> bool {
         self.child.try_wait().expect("a child can be waited for").is_none()
     }
+}
+
+fn command(journal: &Path, directory: &Path, arguments: &[&str], log: &str) -> Command {
+    let mut command = Command::new(daemon_binary());
+    command.arg("run").arg(directory).args(["--plugins".as_ref(), plugin_dir().as_os_str()]);
+    command.args(["--journal".as_ref(), journal.as_os_str()]).args(arguments).env("RUST_LOG", log);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn scratch() -> TempDir {
+    TempDir::new().expect("a temporary directory")
 }
 
 impl Drop for Running {

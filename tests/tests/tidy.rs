@@ -5,8 +5,8 @@
 use std::path::{Path, PathBuf};
 
 /// A module of the daemon may use only modules to its left.
-const LAYERS: [&str; 11] =
-    ["model", "sys", "detect", "profile", "plugin", "port", "exec", "fault", "supervise", "daemon", "cli"];
+const LAYERS: [&str; 12] =
+    ["model", "sys", "detect", "profile", "plugin", "port", "exec", "fault", "supervise", "control", "daemon", "cli"];
 
 /// Where unsafe code may live. Each file opens with `#![allow(unsafe_code, reason = "address of unsafe: ...")]`, or allows
 /// it for one function.

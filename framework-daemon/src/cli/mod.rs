@@ -11,20 +11,32 @@ use clap::{Parser, Subcommand, ValueEnum};
 pub mod check;
 /// `completions`.
 pub mod completions;
+/// `component`.
+pub mod component;
 /// `describe`.
 pub mod describe;
 /// Exit codes.
 pub mod exit_code;
+/// `fault`.
+pub mod fault;
 /// `graph`.
 pub mod graph;
 /// `man`.
 pub mod man;
+/// `port`.
+pub mod port;
 /// `probe`.
 pub mod probe;
+/// `reload`.
+pub mod reload;
+/// What asks a running daemon.
+mod remote;
 /// `run`.
 pub mod run;
 /// `schema`.
 pub mod schema;
+/// `status`.
+pub mod status;
 
 use exit_code::Exit;
 
@@ -53,6 +65,16 @@ pub enum Verb {
     Graph(graph::Arguments),
     /// Print the XSD of a kind of profile.
     Schema(schema::Arguments),
+    /// Tell how all slots of a running daemon are.
+    Status(status::Arguments),
+    /// Show the components of a running daemon.
+    Component(component::Arguments),
+    /// Show the ports of a running daemon, and measure their rates.
+    Port(port::Arguments),
+    /// Show what failed in a running daemon, and what was done about it.
+    Fault(fault::Arguments),
+    /// Have a running daemon read its profiles again, all or nothing.
+    Reload(reload::Arguments),
     /// Print completions for a shell.
     Completions(completions::Arguments),
     /// Print the manual page.
@@ -82,6 +104,11 @@ pub fn main() -> ExitCode {
         Verb::Check(arguments) => check::run(&arguments, &mut out),
         Verb::Graph(arguments) => graph::run(&arguments, &mut out),
         Verb::Schema(arguments) => schema::run(&arguments, &mut out),
+        Verb::Status(arguments) => status::run(&arguments, &mut out),
+        Verb::Component(arguments) => component::run(&arguments, &mut out),
+        Verb::Port(arguments) => port::run(&arguments, &mut out),
+        Verb::Fault(arguments) => fault::run(&arguments, &mut out),
+        Verb::Reload(arguments) => reload::run(&arguments, &mut out),
         Verb::Completions(arguments) => completions::run(&arguments, &mut out),
         Verb::Man => man::run(&mut out),
         Verb::Probe(arguments) => Ok(probe::run(&arguments)),
@@ -120,9 +147,13 @@ mod tests {
 
     #[test]
     fn every_verb_shows_an_example() {
-        for verb in Cli::command().get_subcommands().filter(|verb| !verb.is_hide_set()) {
-            let help = verb.get_after_help().map(ToString::to_string).unwrap_or_default();
-            assert!(verb.get_name() == "man" || help.contains("Examples:"), "{} has no example", verb.get_name());
+        fn look(command: &clap::Command) {
+            for verb in command.get_subcommands().filter(|verb| !verb.is_hide_set()) {
+                let help = verb.get_after_help().map(ToString::to_string).unwrap_or_default();
+                assert!(verb.get_name() == "man" || help.contains("Examples:"), "{} has no example", verb.get_name());
+                look(verb);
+            }
         }
+        look(&Cli::command());
     }
 }

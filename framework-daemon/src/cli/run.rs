@@ -18,7 +18,8 @@ const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --
      In place of a slot, `daemon` is the daemon itself (crash.segv, crash.abort, crash.panic): it writes the safe outputs of its\n     \
      actuators and a crash record, and ends by the signal.\n\n\
      SIGHUP reloads the profiles, all or nothing. SIGTERM and SIGINT end in order; a second one leaves at once.\n\
-     SIGUSR1 writes the status of all slots into log and journal.\n\
+     SIGUSR1 writes the status of all slots into log and journal; `status`, `fault follow`, `reload` and others ask by the \
+     control socket. Where the usual place for it is not to be had it runs without; one named by --socket must be had.\n\
      When all slots run, a line that begins with `ready` is printed.";
 
 /// Long enough for the log's thread to write what it has; short enough for motors that turn meanwhile.
@@ -38,6 +39,10 @@ pub struct Arguments {
     /// [default: $XDG_STATE_HOME/framework-daemon/journal.jsonl].
     #[arg(long, value_name = "FILE")]
     pub journal: Option<PathBuf>,
+    /// Control socket for `status` and the other verbs that ask a running daemon; without this option the usual place, if
+    /// it can be had [default: $XDG_RUNTIME_DIR/framework-daemon/control.sock, else /run/framework-daemon/control.sock].
+    #[arg(long, value_name = "PATH")]
+    pub socket: Option<PathBuf>,
     /// Provoke a fault that many seconds after `ready`; may be repeated.
     #[arg(long, value_name = "SLOT:SYMPTOM@SECONDS", value_parser = injection)]
     pub inject: Vec<Injection>,
@@ -52,9 +57,9 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> io::Result<Exit> {
     if let Ok(own) = std::env::current_exe() {
         probe::enable(own);
     }
-    let Arguments { directory, plugins, journal, inject } = arguments;
-    let settings =
-        Settings { directory, plugins, journal: journal.unwrap_or_else(default_journal), injections: inject };
+    let Arguments { directory, plugins, journal, socket, inject } = arguments;
+    let journal = journal.unwrap_or_else(default_journal);
+    let settings = Settings { directory, plugins, journal, socket, injections: inject };
     abort_on_panic();
     let result = daemon::run(&settings, out);
     log_ring::flush(SHUTDOWN_STEP);

@@ -59,40 +59,12 @@ impl Journal {
         self.last.as_ref()
     }
 
-    /// Writes a fault.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn fault(&mut self, event: &FaultEvent, origin: &Origin) -> io::Result<()> {
-        #[derive(Serialize)]
-        struct Diagnosis<'a> {
-            faulty: &'a str,
-            severity: crate::model::symptom::Severity,
+    /// Writes a fault; returns the line, whether or not it could be written.
+    pub fn fault(&mut self, event: &FaultEvent, origin: &Origin) -> (Map<String, Value>, io::Result<()>) {
+        match describe(event, origin) {
+            Ok(fields) => self.line("fault", event.fault.at_ns, fields),
+            Err(error) => (Map::new(), Err(error)),
         }
-        #[derive(Serialize)]
-        struct Found<'a> {
-            #[serde(flatten)]
-            evidence: &'a Evidence,
-            #[serde(flatten)]
-            origin: &'a Origin,
-        }
-        let mut line = Map::new();
-        line.insert("slot".into(), event.slot.into());
-        line.insert("class".into(), event.class.into());
-        line.insert("symptom".into(), event.fault.symptom.name().into());
-        line.insert("injected".into(), event.fault.injected.into());
-        line.insert("thread_lost".into(), event.fault.thread_lost.into());
-        line.insert("memory".into(), to_value(&event.fault.memory)?);
-        line.insert("evidence".into(), to_value(&Found { evidence: &event.fault.evidence, origin })?);
-        line.insert("diagnosis".into(), to_value(&Diagnosis { faulty: event.slot, severity: event.severity })?);
-        line.insert("action".into(), to_value(&event.answer)?);
-        line.insert("successor".into(), event.successor.map_or(Value::Null, Value::from));
-        line.insert("outcome".into(), to_value(&event.outcome)?);
-        if let Some(age_ns) = event.checkpoint_ns {
-            line.insert("checkpoint".into(), age_ns.into());
-        }
-        line.insert("times".into(), to_value(&event.times)?);
-        self.line("fault", event.fault.at_ns, line)
     }
 
     /// Writes anything else that belongs into the record.
@@ -100,10 +72,15 @@ impl Journal {
     /// # Errors
     /// When the file cannot be written.
     pub fn note(&mut self, kind: &str, fields: Map<String, Value>) -> io::Result<()> {
+        self.tell(kind, fields).1
+    }
+
+    /// As [`Self::note`]; returns the line, whether or not it could be written.
+    pub fn tell(&mut self, kind: &str, fields: Map<String, Value>) -> (Map<String, Value>, io::Result<()>) {
         self.line(kind, clock::now_ns(), fields)
     }
 
-    fn line(&mut self, kind: &str, mono_ns: u64, fields: Map<String, Value>) -> io::Result<()> {
+    fn line(&mut self, kind: &str, mono_ns: u64, fields: Map<String, Value>) -> (Map<String, Value>, io::Result<()>) {
         self.sequence += 1;
         let mut object = Map::new();
         object.insert("kind".into(), kind.into());
@@ -111,7 +88,12 @@ impl Journal {
         object.insert("mono_ns".into(), mono_ns.into());
         object.insert("wall".into(), wall_seconds().into());
         object.extend(fields);
-        let mut line = seal(&object)?;
+        let result = self.append(&object);
+        (object, result)
+    }
+
+    fn append(&mut self, object: &Map<String, Value>) -> io::Result<()> {
+        let mut line = seal(object)?;
         if self.torn {
             line.insert(0, '\n');
         }
@@ -119,6 +101,39 @@ impl Journal {
         self.torn = result.is_err();
         result
     }
+}
+
+/// What is written of a fault.
+fn describe(event: &FaultEvent, origin: &Origin) -> io::Result<Map<String, Value>> {
+    #[derive(Serialize)]
+    struct Diagnosis<'a> {
+        faulty: &'a str,
+        severity: crate::model::symptom::Severity,
+    }
+    #[derive(Serialize)]
+    struct Found<'a> {
+        #[serde(flatten)]
+        evidence: &'a Evidence,
+        #[serde(flatten)]
+        origin: &'a Origin,
+    }
+    let mut line = Map::new();
+    line.insert("slot".into(), event.slot.into());
+    line.insert("class".into(), event.class.into());
+    line.insert("symptom".into(), event.fault.symptom.name().into());
+    line.insert("injected".into(), event.fault.injected.into());
+    line.insert("thread_lost".into(), event.fault.thread_lost.into());
+    line.insert("memory".into(), to_value(&event.fault.memory)?);
+    line.insert("evidence".into(), to_value(&Found { evidence: &event.fault.evidence, origin })?);
+    line.insert("diagnosis".into(), to_value(&Diagnosis { faulty: event.slot, severity: event.severity })?);
+    line.insert("action".into(), to_value(&event.answer)?);
+    line.insert("successor".into(), event.successor.map_or(Value::Null, Value::from));
+    line.insert("outcome".into(), to_value(&event.outcome)?);
+    if let Some(age_ns) = event.checkpoint_ns {
+        line.insert("checkpoint".into(), age_ns.into());
+    }
+    line.insert("times".into(), to_value(&event.times)?);
+    Ok(line)
 }
 
 /// More than any line has.

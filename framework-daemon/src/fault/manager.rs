@@ -7,8 +7,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender};
-use serde_json::Map;
+use serde_json::{Map, Value};
 
+use super::feed::Feed;
 use super::journal::Journal;
 use super::ledger::{Ledger, Verdict};
 use crate::exec::recover::lost_events;
@@ -32,6 +33,31 @@ pub struct Manager {
 struct Shared {
     restart_on_taint: AtomicBool,
     ledger: Mutex<Ledger>,
+    feed: Feed,
+}
+
+impl Shared {
+    fn ledger(&self) -> Ledger {
+        *self.ledger.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What the fault manager knows, for whoever looks on.
+#[derive(Clone, Debug)]
+pub struct Outlook(Arc<Shared>);
+
+impl Outlook {
+    /// What faults have cost so far.
+    #[must_use]
+    pub fn ledger(&self) -> Ledger {
+        self.0.ledger()
+    }
+
+    /// Its newest lines.
+    #[must_use]
+    pub fn feed(&self) -> &Feed {
+        &self.0.feed
+    }
 }
 
 /// Starts the fault manager; returns it and where executors put their events.
@@ -74,7 +100,13 @@ impl Manager {
     /// What faults have cost so far.
     #[must_use]
     pub fn ledger(&self) -> Ledger {
-        *self.shared.ledger.lock().unwrap_or_else(PoisonError::into_inner)
+        self.shared.ledger()
+    }
+
+    /// What it knows, for whoever looks on.
+    #[must_use]
+    pub fn outlook(&self) -> Outlook {
+        Outlook(Arc::clone(&self.shared))
     }
 }
 
@@ -96,9 +128,8 @@ impl Desk {
             Evidence::Trap(trap) => self.symbols.origin(trap),
             _ => Origin::default(),
         };
-        if let Err(error) = self.journal.lock().unwrap_or_else(PoisonError::into_inner).fault(event, &origin) {
-            tracing::error!("the journal cannot be written: {error}");
-        }
+        let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).fault(event, &origin);
+        self.publish(written);
         tell(event, &origin);
         verdict.into_iter().for_each(|verdict| self.obey(verdict));
     }
@@ -108,8 +139,19 @@ impl Desk {
         if now > before {
             tracing::error!("{} faults came faster than they could be written down", now - before);
             let count = Map::from_iter([("count".into(), (now - before).into())]);
-            let _ = self.journal.lock().unwrap_or_else(PoisonError::into_inner).note("lost", count);
+            let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).tell("lost", count);
+            self.publish(written);
             self.lost = now;
+        }
+    }
+
+    /// Whoever follows the faults sees them also where the journal's disk is full.
+    fn publish(&self, (line, written): (Map<String, Value>, std::io::Result<()>)) {
+        if let Err(error) = written {
+            tracing::error!("the journal cannot be written: {error}");
+        }
+        if !line.is_empty() {
+            self.shared.feed.push(line);
         }
     }
 

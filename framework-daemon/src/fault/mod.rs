@@ -1,5 +1,8 @@
-//! Fault path, step 2: `event -> symbols -> journal -> log -> ledger`. What had to be done was done by the executor that saw the fault
+//! Fault path, step 2: `event -> symbols -> journal -> feed -> log -> ledger`. What had to be done was done by the executor that saw the fault
 //! ([`crate::exec::recover`]); here it is written down and told.
+
+/// The newest lines, for whoever lists or follows them.
+pub mod feed;
 
 /// Append-only JSON lines with checksums.
 pub mod journal;

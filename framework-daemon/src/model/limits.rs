@@ -186,7 +186,30 @@ pub const BREATH_MIN: Duration = Duration::from_millis(50);
 /// Longest such pause.
 pub const BREATH_MAX: Duration = Duration::from_secs(2);
 
+/// Clients of the control socket at once.
+pub const CONTROL_CLIENTS: usize = 32;
+/// Longest request on the control socket.
+pub const CONTROL_REQUEST_BYTES: usize = 1 << 20;
+/// Longest reply that a client of the control socket takes: the status of all slots that a plan may have, with room to spare.
+pub const CONTROL_REPLY_BYTES: usize = 64 << 20;
+/// After this much of a stream a client of the control socket must have read before there is more.
+pub const CONTROL_STREAM_BYTES: usize = 256 << 10;
+/// A client that took nothing of what it asked for in this time makes room for others when there are too many.
+pub const CONTROL_PATIENCE: Duration = Duration::from_secs(5);
+/// A client that asks nothing for this long makes room for others when there are too many.
+pub const CONTROL_IDLE: Duration = Duration::from_secs(1);
+/// Longest time until the daemon answers what it knows by itself.
+pub const CONTROL_ANSWER: Duration = Duration::from_secs(15);
+/// Shortest time over which the rate of a port is measured.
+pub const RATE_WINDOW_MIN: Duration = Duration::from_millis(10);
+/// Longest such time.
+pub const RATE_WINDOW_MAX: Duration = Duration::from_secs(3_600);
+/// Lines of the fault manager that are kept for whoever asks later.
+pub const FEED_LINES: usize = 1_024;
+
 const _: () = assert!(COMPOSITE_DEPTH < PROFILE_FILES);
+const _: () =
+    assert!(CONTROL_PATIENCE.as_nanos() < CONTROL_ANSWER.as_nanos(), "a client that waits for a place gets it");
 const _: () = assert!(PROFILE_ELEMENTS > SLOTS, "a file must be able to hold every slot");
 const _: () = assert!(PROFILE_TEXT_BYTES as u64 <= PROFILE_FILE_BYTES);
 const _: () = assert!(PROFILE_FILE_BYTES < u32::MAX as u64, "spans are 32 bits wide");

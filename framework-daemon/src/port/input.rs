@@ -85,6 +85,15 @@ impl InPort {
         let _ = self.listener.set(listener);
     }
 
+    /// How it buffers.
+    #[must_use]
+    pub fn policy(&self) -> Queue {
+        match &self.arrived {
+            Arrived::Newest(_) => Queue::Last,
+            Arrived::Fifo(queue, overflow) => Queue::Fifo { size: queue.capacity(), overflow: *overflow },
+        }
+    }
+
     /// The writers that are connected, and the right to change them.
     ///
     /// # Errors

@@ -29,6 +29,20 @@ pub struct Changes {
     pub kept: usize,
 }
 
+impl std::fmt::Display for Changes {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { added, changed, removed, kept } = self;
+        let names = |names: &[String]| names.join(", ");
+        write!(
+            formatter,
+            "reloaded: added [{}], changed [{}], removed [{}], {kept} not touched",
+            names(added),
+            names(changed),
+            names(removed)
+        )
+    }
+}
+
 /// Brings a running system to a new plan.
 ///
 /// # Errors

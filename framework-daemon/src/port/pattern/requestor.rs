@@ -97,6 +97,12 @@ impl Requestor {
         unsafe { self.link.load(Ordering::Acquire).as_ref() }
     }
 
+    /// Where it leads, to be compared with a provider's address; null: nowhere.
+    #[must_use]
+    pub fn peer(&self) -> *const Provider {
+        self.link.load(Ordering::Acquire)
+    }
+
     /// True when it leads to this one.
     #[must_use]
     pub fn leads_to(&self, provider: &Arc<Provider>) -> bool {

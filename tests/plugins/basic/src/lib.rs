@@ -362,6 +362,34 @@ impl Callbacks for Beat {
     }
 }
 
+/// Fails in each of its callbacks, and counts them in what it says.
+#[derive(Component)]
+#[component(name = "Wreck", version = "1.0", periodic = "1ms")]
+pub struct Wreck {
+    #[critical]
+    failures: u64,
+}
+
+impl Callbacks for Wreck {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.failures += 1;
+        Err(ComponentError::new(format!("failure {}", self.failures)))
+    }
+}
+
+/// Takes its time until it is ready.
+#[derive(Component)]
+#[component(name = "Sluggard", version = "1.0", passive)]
+pub struct Sluggard {}
+
+impl Callbacks for Sluggard {
+    fn initialize(&mut self, _: &mut Context<'_>) -> Outcome {
+        std::thread::sleep(std::time::Duration::from_millis(1500));
+        Ok(())
+    }
+}
+
 export_components!(
-    Beat, Ticker, Downer, Sleeper, Switch, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn
+    Beat, Ticker, Downer, Sleeper, Relay, Listener, Diary, Sonar, Gauge, Moaner, Nibbler, Burst, Stubborn, Wreck,
+    Sluggard, Switch
 );

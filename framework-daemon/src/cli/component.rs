@@ -1,0 +1,146 @@
+//! `component`: the slots of a running daemon, one by one.
+
+use std::io::{self, Write};
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+use serde_json::{Map, Value};
+
+use super::exit_code::Exit;
+use super::remote::{Remote, fields, parameters, section};
+use crate::control::views::{cell, table};
+use crate::model::limits::{RESETS_DEFAULT, RESETS_WINDOW};
+
+const EXAMPLES: &str = "Examples:\n  framework-daemon component list\n  framework-daemon component info avoider\n\n\
+     Exit codes: 0 answered, 5 no daemon can be reached, 6 refused: no such slot.";
+
+const LIST_EXAMPLES: &str = "Examples:\n  framework-daemon component list\n  \
+     framework-daemon component list --format json | jq -r 'select(.state == \"error\") | .slot'";
+
+const INFO_EXAMPLES: &str = "Examples:\n  framework-daemon component info avoider\n  \
+     framework-daemon component info avoider --format json | jq .component.reset";
+
+const COLUMNS: [&str; 8] = ["slot", "state", "class", "application", "trigger", "executor", "cycles", "faults"];
+
+/// What is shown of one slot, in order.
+const FIELDS: [&str; 25] = [
+    "slot",
+    "application",
+    "state",
+    "class",
+    "primary",
+    "version",
+    "library",
+    "trigger",
+    "executor",
+    "autostart",
+    "deadline_ns",
+    "stack_bytes",
+    "cycles",
+    "missed",
+    "longest_ns",
+    "faults",
+    "quarantined",
+    "tainted",
+    "spares",
+    "spares_wanted",
+    "checkpoint_ns",
+    "recovery_within_ns",
+    "severity",
+    "reset",
+    "declared",
+];
+
+/// Arguments of `component`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// What about them.
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+/// What about components.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// List all slots: state, class, what triggers them.
+    #[command(after_help = LIST_EXAMPLES)]
+    List {
+        /// Which daemon, and how it is printed.
+        #[command(flatten)]
+        remote: Remote,
+    },
+    /// Show all of one slot: counters, ports, properties, fault rules.
+    #[command(after_help = INFO_EXAMPLES)]
+    Info {
+        /// The slot.
+        #[arg(value_name = "SLOT")]
+        slot: String,
+        /// Which daemon, and how it is printed.
+        #[command(flatten)]
+        remote: Remote,
+    },
+}
+
+/// Asks.
+///
+/// # Errors
+/// Only those of writing.
+pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
+    match &arguments.verb {
+        Verb::List { remote } => {
+            remote.list("ListComponents", Map::new(), "components", out, |rows| table(&COLUMNS, rows))
+        }
+        Verb::Info { slot, remote } => {
+            let asked = parameters([("slot", Some(slot.as_str().into()))]);
+            remote.ask("DescribeComponent", asked, out, |answer| describe(&answer["component"]))
+        }
+    }
+}
+
+fn describe(component: &Value) -> Vec<String> {
+    let rows = |name: &str| component[name].as_array().cloned().unwrap_or_default();
+    let mut shown = component.clone();
+    shown["severity"] = severity(&component["severity"]).into();
+    shown["reset"] = intensity(&component["reset"]).into();
+    let mut lines = fields(&shown, &FIELDS);
+    lines.extend(section("properties", &["name", "type", "value"], &rows("properties")));
+    lines.extend(section("secondaries", &["class", "preload"], &rows("secondaries")));
+    lines.extend(section("ports", &["port", "direction", "type", "connections"], &rows("ports")));
+    lines
+}
+
+/// What most symptoms are answered by, then the others: `reset; hang: stop`.
+fn severity(table: &Value) -> String {
+    let answers: Vec<(String, String)> =
+        table.as_object().into_iter().flatten().map(|(symptom, answer)| (symptom.clone(), cell(answer))).collect();
+    let count = |answer: &str| answers.iter().filter(|(_, other)| other == answer).count();
+    let Some((_, most)) = answers.iter().max_by_key(|(_, answer)| count(answer)) else { return String::new() };
+    let others = answers.iter().filter(|(_, answer)| answer != most);
+    let others = others.map(|(symptom, answer)| format!("; {symptom}: {answer}"));
+    std::iter::once(most.clone()).chain(others).collect()
+}
+
+/// `at most 3 in 10s`.
+fn intensity(reset: &Value) -> String {
+    let time = |ns: u64| format!("{:?}", Duration::from_nanos(ns));
+    match (reset["limit"].as_u64(), reset["within_ns"].as_u64()) {
+        (Some(limit), Some(within_ns)) => format!("at most {limit} in {}", time(within_ns)),
+        _ => format!("at most {RESETS_DEFAULT} in {RESETS_WINDOW:?}, as nothing is said"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn rules_are_told_in_few_words() {
+        let table = json!({"crash.segv": "reset", "error": "reset", "hang": "stop"});
+        assert_eq!(severity(&table), "reset; hang: stop");
+        assert_eq!(intensity(&json!({"limit": 3, "within_ns": 10_000_000_000_u64})), "at most 3 in 10s");
+        assert!(intensity(&Value::Null).starts_with("at most 10 in 10s"));
+    }
+}

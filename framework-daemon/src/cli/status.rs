@@ -1,0 +1,37 @@
+//! `status`: how all slots of a running daemon are, and the process.
+
+use std::io::{self, Write};
+
+use clap::Args;
+use serde_json::Map;
+
+use super::exit_code::Exit;
+use super::remote::Remote;
+use crate::control::views::{cell, status_table};
+
+const EXAMPLES: &str = "Examples:\n  framework-daemon status\n  \
+     framework-daemon status --format json | jq '.slots[] | select(.faults > 0) | .slot'\n\n\
+     Of each slot: its state, the class that fills it, and since the start its callbacks, periods that began too late, faults, \
+     instances given up, faults after which memory may be damaged; spares that are ready.\n\n\
+     Exit codes: 0 answered, 5 no daemon can be reached, 6 refused.";
+
+/// Arguments of `status`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Which daemon, and how it is printed.
+    #[command(flatten)]
+    pub remote: Remote,
+}
+
+/// Asks.
+///
+/// # Errors
+/// Only those of writing.
+pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
+    arguments.remote.ask("Status", Map::new(), out, |status| {
+        let head = format!("{}: {}, process {}", cell(&status["directory"]), cell(&status["state"]), status["pid"]);
+        let slots = status["slots"].as_array().map(Vec::as_slice).unwrap_or_default();
+        std::iter::once(head).chain(status_table(slots, &status["process"])).collect::<Vec<String>>()
+    })
+}

@@ -1,0 +1,111 @@
+//! Answers that are there at once: read from counters and from the directory of what runs.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use serde_json::{Value, json};
+
+use super::directory::{Board, Directory};
+use super::interface::{INTERFACES, Method, PortName, Refusal};
+use super::{stream, views};
+use crate::fault::manager::Outlook;
+
+/// All that the control socket looks at.
+pub(super) struct Sight {
+    /// What runs.
+    pub(super) board: Arc<Board>,
+    /// What the fault manager knows.
+    pub(super) outlook: Outlook,
+    /// The profile directory.
+    pub(super) profiles: PathBuf,
+}
+
+impl Sight {
+    /// What runs now.
+    ///
+    /// # Errors
+    /// When nothing does yet; `slot` is what was asked for.
+    pub(super) fn directory(&self, slot: &str) -> Result<Arc<Directory>, Refusal> {
+        let starting = || Refusal::NoSuchComponent(slot.to_owned(), "the daemon is starting: ask again".to_owned());
+        self.board.newest().ok_or_else(starting)
+    }
+
+    /// The answer to a method; `None`: it comes later.
+    ///
+    /// # Errors
+    /// When it is refused.
+    pub(super) fn answer(&self, method: &Method) -> Result<Option<Value>, Refusal> {
+        let answer = match method {
+            Method::GetInfo => info(),
+            Method::GetInterfaceDescription(name) => describe(name)?,
+            Method::Status => self.status(),
+            Method::ListComponents => json!({"components": self.components()}),
+            Method::DescribeComponent(slot) => {
+                let directory = self.directory(slot)?;
+                json!({"component": views::component_details(&directory, stream::entry(&directory, slot)?)})
+            }
+            Method::ListPorts(None) => json!({"ports": self.all_ports()}),
+            Method::ListPorts(Some(slot)) => {
+                let directory = self.directory(slot)?;
+                json!({"ports": views::ports(stream::entry(&directory, slot)?, &directory.wires())})
+            }
+            Method::DescribePort(name) => self.port(name)?,
+            Method::ListFaults(slot, last) => {
+                self.check_slot(slot.as_deref())?;
+                json!({"faults": stream::list(self.outlook.feed(), slot.as_deref(), *last)})
+            }
+            Method::Follow(slot, _) => {
+                self.check_slot(slot.as_deref())?;
+                return Ok(None);
+            }
+            Method::Hz(..) | Method::Reload => return Ok(None),
+        };
+        Ok(Some(answer))
+    }
+
+    /// Faults may be asked for of a slot that runs, or of one that is gone and left some.
+    fn check_slot(&self, slot: Option<&str>) -> Result<(), Refusal> {
+        let Some((slot, directory)) = slot.zip(self.board.newest()) else { return Ok(()) };
+        let found = stream::entry(&directory, slot).map(|_| ());
+        found.or_else(|refusal| if stream::knows(self.outlook.feed(), slot) { Ok(()) } else { Err(refusal) })
+    }
+
+    fn status(&self) -> Value {
+        let directory = self.board.newest();
+        let entries = directory.iter().flat_map(|directory| &directory.entries);
+        let slots: Vec<Value> = entries.map(|entry| views::of_running(&entry.slot, &entry.shelf)).collect();
+        json!({"state": self.board.phase().name(), "directory": self.profiles.to_string_lossy(), "pid": std::process::id(),
+            "slots": slots, "process": views::of_process(self.outlook.ledger())})
+    }
+
+    fn components(&self) -> Vec<Value> {
+        let Some(directory) = self.board.newest() else { return Vec::new() };
+        directory.entries.iter().map(|entry| views::component(&directory, entry)).collect()
+    }
+
+    fn all_ports(&self) -> Vec<Value> {
+        let Some(directory) = self.board.newest() else { return Vec::new() };
+        let wires = directory.wires();
+        directory.entries.iter().flat_map(|entry| views::ports(entry, &wires)).collect()
+    }
+
+    fn port(&self, name: &PortName) -> Result<Value, Refusal> {
+        let directory = self.directory(&name.slot)?;
+        let entry = stream::entry(&directory, &name.slot)?;
+        let found = views::ports(entry, &directory.wires()).into_iter().find(|port| port["port"] == *name.port);
+        let missing = || Refusal::NoSuchPort(name.clone(), entry.missing(&name.port));
+        let (port, layout) = found.zip(views::port_layout(&entry.slot, &name.port)).ok_or_else(missing)?;
+        Ok(json!({"port": port, "layout": layout}))
+    }
+}
+
+fn info() -> Value {
+    json!({"vendor": "framework-daemon", "product": "framework-daemon", "version": env!("CARGO_PKG_VERSION"),
+        "url": "https://varlink.org/Service", "interfaces": INTERFACES.map(|(name, _)| name)})
+}
+
+fn describe(name: &str) -> Result<Value, Refusal> {
+    let found = INTERFACES.iter().find(|(known, _)| *known == name);
+    let (_, description) = found.ok_or_else(|| Refusal::InterfaceNotFound(name.to_owned()))?;
+    Ok(json!({"description": description}))
+}

@@ -1,0 +1,289 @@
+//! What the control socket looks at: the slots that run, as they were at the last boot or reload. Counters, states and
+//! connections in it are live.
+//!
+//! The last holder of a slot frees values that plugins made, by code of theirs; so that this is never the control thread, the
+//! main loop keeps every directory that it replaced until nobody else holds it.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use crate::exec::slot::Slot;
+use crate::exec::workshop::Shelf;
+use crate::profile::plan::{Plan, SlotPlan};
+use crate::profile::suggest;
+use crate::supervise::system::System;
+
+/// All that runs.
+pub struct Directory {
+    /// Slots in the order in which they were started.
+    pub entries: Vec<Entry>,
+    plan: Arc<Plan>,
+    places: HashMap<&'static str, usize>,
+}
+
+/// A slot with what is not in it.
+pub struct Entry {
+    /// The slot.
+    pub slot: Arc<Slot>,
+    /// Its spares.
+    pub shelf: Arc<Shelf>,
+    plan: usize,
+}
+
+/// The other end of a connection.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct End {
+    /// The slot.
+    pub slot: &'static str,
+    /// The port.
+    pub port: String,
+}
+
+impl std::fmt::Display for End {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{}.{}", self.slot, self.port)
+    }
+}
+
+impl Directory {
+    /// Of what runs now.
+    #[must_use]
+    pub fn of(system: &System) -> Self {
+        let plans: HashMap<&str, usize> =
+            system.plan.slots.iter().enumerate().map(|(place, plan)| (plan.name.as_str(), place)).collect();
+        let entry = |placed: &crate::supervise::system::Placed| {
+            let plan = *plans.get(placed.slot.name)?;
+            Some(Entry { slot: Arc::clone(&placed.slot), shelf: Arc::clone(&placed.shelf), plan })
+        };
+        let entries: Vec<Entry> = system.slots.iter().filter_map(entry).collect();
+        let places = entries.iter().enumerate().map(|(place, entry)| (entry.slot.name, place)).collect();
+        Self { entries, plan: Arc::clone(&system.plan), places }
+    }
+
+    /// The slot of that name.
+    #[must_use]
+    pub fn entry(&self, name: &str) -> Option<&Entry> {
+        self.places.get(name).and_then(|place| self.entries.get(*place))
+    }
+
+    /// What the profiles say of a slot.
+    #[must_use]
+    pub fn plan_of(&self, entry: &Entry) -> Option<&SlotPlan> {
+        self.plan.slots.get(entry.plan)
+    }
+
+    /// Why there is no slot of that name, with the way out.
+    #[must_use]
+    pub fn missing(&self, name: &str) -> String {
+        let known: Vec<&str> = self.entries.iter().map(|entry| entry.slot.name).collect();
+        let hint = suggest::hint(name, &known, |name| format!("`{name}`"));
+        format!("there is no slot `{name}`; {}", hint.unwrap_or_else(|| "`component list` shows all".to_owned()))
+    }
+}
+
+impl Entry {
+    fn port_names(&self) -> Vec<&str> {
+        let slot = &self.slot;
+        let data = slot.inputs.iter().map(|port| &port.name).chain(slot.outputs.iter().map(|port| &port.name));
+        let services =
+            slot.requestors.iter().map(|port| &port.name).chain(slot.providers.iter().map(|port| &port.name));
+        data.chain(services).map(String::as_str).collect()
+    }
+
+    /// Why the slot has no port of that name, with the way out.
+    #[must_use]
+    pub fn missing(&self, name: &str) -> String {
+        let known = self.port_names();
+        let slot = self.slot.name;
+        let hint = suggest::hint(name, &known, |name| format!("`{slot}.{name}`"));
+        format!("slot `{slot}` has no port `{name}`; {}", hint.unwrap_or_else(|| "it has no ports".to_owned()))
+    }
+}
+
+/// Who is connected with whom, at one moment.
+pub struct Wires(HashMap<usize, Vec<End>>);
+
+impl Wires {
+    /// The other ends of a port's connections.
+    #[must_use]
+    pub fn of<P>(&self, port: &Arc<P>) -> &[End] {
+        self.0.get(&address(Arc::as_ptr(port))).map(Vec::as_slice).unwrap_or_default()
+    }
+
+    fn join(&mut self, (one, one_end): (usize, &End), (other, other_end): (usize, &End)) {
+        self.0.entry(one).or_default().push(other_end.clone());
+        self.0.entry(other).or_default().push(one_end.clone());
+    }
+}
+
+fn address<P>(port: *const P) -> usize {
+    port.addr()
+}
+
+impl Directory {
+    /// Who is connected with whom now: connections change at run time. No port is dropped by looking: the slots of both ends
+    /// are held here.
+    #[must_use]
+    pub fn wires(&self) -> Wires {
+        let mut wires = Wires(HashMap::new());
+        let mut served: HashMap<usize, End> = HashMap::new();
+        for Entry { slot, .. } in &self.entries {
+            let end = |port: &str| End { slot: slot.name, port: port.to_owned() };
+            served.extend(slot.inputs.iter().map(|port| (address(Arc::as_ptr(port)), end(&port.name))));
+            served.extend(slot.providers.iter().map(|port| (address(Arc::as_ptr(port)), end(&port.name))));
+        }
+        for Entry { slot, .. } in &self.entries {
+            let own = |port: &str| End { slot: slot.name, port: port.to_owned() };
+            for port in &slot.outputs {
+                for target in port.links().iter().map(|link| address(Arc::as_ptr(&link.target))) {
+                    if let Some(end) = served.get(&target) {
+                        wires.join((address(Arc::as_ptr(port)), &own(&port.name)), (target, end));
+                    }
+                }
+            }
+            for port in &slot.requestors {
+                let target = address(port.peer());
+                if let Some(end) = served.get(&target) {
+                    wires.join((address(Arc::as_ptr(port)), &own(&port.name)), (target, end));
+                }
+            }
+        }
+        wires
+    }
+}
+
+/// What the daemon is at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Phase {
+    /// It boots.
+    Starting,
+    /// It runs.
+    Running,
+    /// It reads its profiles again.
+    Reloading,
+}
+
+impl Phase {
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Starting => "starting",
+            Self::Running => "running",
+            Self::Reloading => "reloading",
+        }
+    }
+}
+
+/// The newest directory, for whoever looks.
+#[derive(Default)]
+pub struct Board {
+    // Held to clone or swap a pointer.
+    newest: Mutex<Option<Arc<Directory>>>,
+    phase: AtomicU8,
+}
+
+impl Board {
+    /// The newest; nothing runs yet where there is none.
+    #[must_use]
+    pub fn newest(&self) -> Option<Arc<Directory>> {
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// What the daemon is at.
+    #[must_use]
+    pub fn phase(&self) -> Phase {
+        match self.phase.load(Ordering::Relaxed) {
+            0 => Phase::Starting,
+            1 => Phase::Running,
+            _ => Phase::Reloading,
+        }
+    }
+
+    /// Says what the daemon is at.
+    pub fn set_phase(&self, phase: Phase) {
+        self.phase.store(phase as u8, Ordering::Relaxed);
+    }
+
+    fn swap(&self, next: Option<Arc<Directory>>) -> Option<Arc<Directory>> {
+        std::mem::replace(&mut *self.newest.lock().unwrap_or_else(PoisonError::into_inner), next)
+    }
+}
+
+/// A look takes microseconds; longer only where the control thread finds no processor.
+const RETIREMENT: Duration = Duration::from_millis(50);
+
+/// The main loop's side: puts directories up and takes them down.
+#[derive(Default)]
+pub struct Publisher {
+    board: Arc<Board>,
+    retired: Vec<Arc<Directory>>,
+}
+
+impl Publisher {
+    /// Where the directories are put up.
+    #[must_use]
+    pub fn board(&self) -> Arc<Board> {
+        Arc::clone(&self.board)
+    }
+
+    /// Puts up what runs now.
+    pub fn publish(&mut self, system: &System) {
+        self.replace(Some(Arc::new(Directory::of(system))));
+        self.board.set_phase(Phase::Running);
+    }
+
+    /// Takes the last one down.
+    pub fn withdraw(&mut self) {
+        self.replace(None);
+    }
+
+    fn replace(&mut self, next: Option<Arc<Directory>>) {
+        self.retired.extend(self.board.swap(next));
+        let began = Instant::now();
+        while !self.drop_unused() && began.elapsed() < RETIREMENT {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Nobody can get hold of a retired one again: who is the only holder now stays it.
+    fn drop_unused(&mut self) -> bool {
+        self.retired.retain(|directory| Arc::strong_count(directory) > 1);
+        self.retired.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_directory_that_is_looked_at_is_kept_and_dropped_by_its_publisher() {
+        let plan = Plan {
+            root: std::path::PathBuf::new(),
+            system: crate::profile::plan::SystemPlan::default(),
+            applications: Vec::new(),
+            slots: Vec::new(),
+            connections: Vec::new(),
+            dependencies: Vec::new(),
+            order: Vec::new(),
+            monitors: Vec::new(),
+            reference_models: Vec::new(),
+            votings: Vec::new(),
+        };
+        let directory = Directory { entries: Vec::new(), plan: Arc::new(plan), places: HashMap::new() };
+        let (mut publisher, directory) = (Publisher::default(), Arc::new(directory));
+        publisher.replace(Some(directory));
+        let held = publisher.board().newest();
+        assert!(held.is_some());
+        publisher.withdraw();
+        assert!(publisher.board().newest().is_none());
+        assert_eq!(publisher.retired.len(), 1);
+        drop(held);
+        publisher.withdraw();
+        assert!(publisher.retired.is_empty());
+    }
+}

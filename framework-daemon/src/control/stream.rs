@@ -1,0 +1,192 @@
+//! Answers that come bit by bit: faults as they happen, the rate of a port.
+
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use super::directory::{Directory, End, Entry};
+use super::interface::{PortName, Refusal};
+use crate::fault::feed::{Cursor, Feed, Line, Next};
+
+/// Somebody who follows the faults.
+#[derive(Debug)]
+pub(super) struct Follow {
+    cursor: Cursor,
+    slot: Option<String>,
+}
+
+/// True for lines that who asks for this slot's wants: its own, and those of the fault manager about all.
+fn is_wanted(line: &Line, slot: Option<&str>) -> bool {
+    slot.is_none() || line.get("slot").is_none() || line.get("slot").and_then(Value::as_str) == slot
+}
+
+impl Follow {
+    /// Begins with the newest `last` lines.
+    #[must_use]
+    pub(super) fn new(feed: &Feed, slot: Option<String>, last: usize) -> Self {
+        let cursor = feed.cursor(last, |line| is_wanted(line, slot.as_deref()));
+        Self { cursor, slot }
+    }
+
+    /// The parameters of the next reply; `None`: nothing yet.
+    pub(super) fn next(&mut self, feed: &Feed) -> Option<Value> {
+        while let Some(next) = feed.next(&mut self.cursor) {
+            match next {
+                Next::Missed(count) => return Some(json!({"missed": count})),
+                Next::Line(line) if is_wanted(&line, self.slot.as_deref()) => return Some(json!({"fault": *line})),
+                Next::Line(_) => {}
+            }
+        }
+        None
+    }
+
+    /// Asks to be woken by the next line; true: there is one already.
+    #[must_use]
+    pub(super) fn await_line(&self, feed: &Feed) -> bool {
+        feed.await_line(self.cursor)
+    }
+}
+
+/// True when a line of that slot is kept.
+pub(super) fn knows(feed: &Feed, slot: &str) -> bool {
+    feed.any(|line| line.get("slot").and_then(Value::as_str) == Some(slot))
+}
+
+/// The newest `last` lines that are kept, oldest first.
+#[must_use]
+pub(super) fn list(feed: &Feed, slot: Option<&str>, last: usize) -> Vec<Value> {
+    let mut cursor = feed.cursor(last, |line| is_wanted(line, slot));
+    let lines = std::iter::from_fn(|| feed.next(&mut cursor));
+    let lines = lines.filter_map(|next| match next {
+        Next::Line(line) => Some(line),
+        Next::Missed(_) => None,
+    });
+    lines.filter(|line| is_wanted(line, slot)).take(last).map(|line| Value::Object((*line).clone())).collect()
+}
+
+/// The rate of a port, measured window by window at an input: where values are counted.
+#[derive(Debug)]
+pub(super) struct Hz {
+    name: PortName,
+    measured_at: End,
+    window: Duration,
+    began: Instant,
+    before: u64,
+}
+
+impl Hz {
+    /// Begins to measure.
+    ///
+    /// # Errors
+    /// When there is no such port, or nobody reads it.
+    pub(super) fn new(directory: &Directory, name: PortName, window: Duration, now: Instant) -> Result<Self, Refusal> {
+        let measured_at = measuring_point(directory, &name)?;
+        let before = received(directory, &name, &measured_at)?;
+        Ok(Self { name, measured_at, window, began: now, before })
+    }
+
+    /// The slot whose port it is.
+    #[must_use]
+    pub(super) fn slot(&self) -> &str {
+        &self.name.slot
+    }
+
+    /// When the window ends.
+    #[must_use]
+    pub(super) fn due(&self) -> Instant {
+        self.began + self.window
+    }
+
+    /// The rate of the window that ends now; the next one begins.
+    ///
+    /// # Errors
+    /// When the port is gone meanwhile.
+    pub(super) fn measure(&mut self, directory: &Directory, now: Instant) -> Result<Value, Refusal> {
+        let count = received(directory, &self.name, &self.measured_at)?;
+        // A slot that a reload built anew counts from 0: what it got in this window is told in none.
+        let values = count.saturating_sub(self.before);
+        let seconds = now.duration_since(self.began).as_secs_f64();
+        (self.before, self.began) = (count, now);
+        Ok(json!({"rate": {"slot": self.name.slot, "port": self.name.port, "measured_at": self.measured_at.to_string(),
+            "values": values, "seconds": seconds, "hz": values as f64 / seconds.max(f64::MIN_POSITIVE)}}))
+    }
+}
+
+/// The slot of that name.
+///
+/// # Errors
+/// When there is none.
+pub(super) fn entry<'a>(directory: &'a Directory, slot: &str) -> Result<&'a Entry, Refusal> {
+    directory.entry(slot).ok_or_else(|| Refusal::NoSuchComponent(slot.to_owned(), directory.missing(slot)))
+}
+
+/// An input itself; for an output the reader whose only writer it is, or else the first.
+fn measuring_point(directory: &Directory, name: &PortName) -> Result<End, Refusal> {
+    let entry = entry(directory, &name.slot)?;
+    if entry.slot.input(&name.port).is_some() {
+        return Ok(End { slot: entry.slot.name, port: name.port.clone() });
+    }
+    let Some(output) = entry.slot.output(&name.port) else {
+        return Err(no_rate(entry, name));
+    };
+    let wires = directory.wires();
+    let writers =
+        |end: &&End| directory.entry(end.slot).and_then(|reader| Some(wires.of(reader.slot.input(&end.port)?).len()));
+    let best = wires.of(output).iter().min_by_key(|end| writers(end).unwrap_or(usize::MAX));
+    best.cloned().ok_or_else(|| {
+        let reason = format!("nobody reads {}.{}: values are counted where they arrive", name.slot, name.port);
+        Refusal::NotMeasurable(name.clone(), reason)
+    })
+}
+
+fn no_rate(entry: &Entry, name: &PortName) -> Refusal {
+    let (slot, port) = (&entry.slot, &name.port);
+    if slot.requestor(port).is_some() || slot.provider(port).is_some() {
+        let reason = format!("{}.{port} is no data port: `port info` tells how often it was asked", name.slot);
+        return Refusal::NotMeasurable(name.clone(), reason);
+    }
+    Refusal::NoSuchPort(name.clone(), entry.missing(port))
+}
+
+fn received(directory: &Directory, name: &PortName, end: &End) -> Result<u64, Refusal> {
+    let port = directory.entry(end.slot).and_then(|entry| entry.slot.input(&end.port));
+    let gone = || Refusal::NoSuchPort(name.clone(), format!("{end}, where it was measured, is gone"));
+    port.map(|port| port.counts().0).ok_or_else(gone)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::Map;
+
+    use super::*;
+
+    fn fault(seq: u64, slot: &str) -> Map<String, Value> {
+        Map::from_iter([("seq".into(), seq.into()), ("slot".into(), slot.into())])
+    }
+
+    #[test]
+    fn who_follows_one_slot_sees_its_faults_and_what_concerns_all() {
+        let feed = Feed::default();
+        feed.push(fault(1, "a"));
+        let mut follow = Follow::new(&feed, Some("a".into()), 1);
+        let more = [fault(2, "b"), fault(3, "a"), Map::from_iter([("count".into(), 9.into())])];
+        more.into_iter().for_each(|line| feed.push(line));
+        let seen: Vec<Value> = std::iter::from_fn(|| follow.next(&feed)).collect();
+        let faults = seen.iter().map(|reply| &reply["fault"]);
+        let faults: Vec<_> = faults.map(|line| (line["seq"].as_u64(), line["count"].as_u64())).collect();
+        assert_eq!(faults, [(Some(1), None), (Some(3), None), (None, Some(9))]);
+        assert!(!follow.await_line(&feed));
+    }
+
+    #[test]
+    fn a_list_holds_the_newest_oldest_first() {
+        let feed = Feed::default();
+        (0..5).for_each(|seq| feed.push(fault(seq, if seq % 2 == 0 { "a" } else { "b" })));
+        let seqs =
+            |slot, last| list(&feed, slot, last).iter().map(|line| line["seq"].as_u64().unwrap()).collect::<Vec<_>>();
+        assert_eq!(seqs(None, 2), [3, 4]);
+        assert_eq!(seqs(Some("a"), 2), [2, 4]);
+        assert_eq!(seqs(Some("c"), 9), [] as [u64; 0]);
+        assert_eq!(seqs(None, 0), [] as [u64; 0]);
+    }
+}

@@ -1,0 +1,270 @@
+//! How everything is, as JSON for programs and as tables for people; made from counters and states, without asking any
+//! component. The journal, the log and the control socket show the same.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use component_sdk::object::TypeDescriptor;
+use serde_json::{Value, json};
+
+use super::directory::{Directory, End, Entry, Wires};
+use crate::exec::slot::Slot;
+use crate::exec::workshop::Shelf;
+use crate::fault::ledger::Ledger;
+use crate::model::lifecycle::State;
+use crate::model::limits::{LOST_THREADS_MAX, QUARANTINED_MAX, STACK_BYTES};
+use crate::model::time::nanoseconds;
+use crate::port::input::InPort;
+use crate::port::output::OutPort;
+use crate::port::pattern::provider::Provider;
+use crate::port::pattern::requestor::Requestor;
+use crate::profile::plan::{Execution, Queue, SlotPlan, Trigger};
+
+/// Columns of the table of slots, in order. Each is a field of [`of_running`].
+const COLUMNS: [&str; 9] = ["slot", "state", "class", "cycles", "missed", "faults", "quarantined", "tainted", "spares"];
+
+/// A slot, with the state that it is or was in.
+#[must_use]
+pub fn of_slot(slot: &Slot, state: State) -> Value {
+    let status = &slot.status;
+    let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+    json!({"slot": slot.name, "class": status.class(), "state": state, "cycles": count(&status.cycles),
+        "missed": count(&status.missed), "faults": count(&status.faults),
+        "quarantined": count(&status.quarantined), "tainted": count(&status.tainted),
+        "longest_ns": count(&status.longest_ns)})
+}
+
+/// A slot that runs, with its spares.
+#[must_use]
+pub fn of_running(slot: &Slot, shelf: &Shelf) -> Value {
+    let (ready, wanted) = shelf.stock();
+    let mut fields = of_slot(slot, slot.status.state());
+    fields["spares"] = ready.into();
+    fields["spares_wanted"] = wanted.into();
+    fields
+}
+
+/// What faults have cost the process, and what they may cost.
+#[must_use]
+pub fn of_process(ledger: Ledger) -> Value {
+    json!({"threads_lost": ledger.threads_lost, "threads_lost_max": LOST_THREADS_MAX,
+        "quarantined": ledger.quarantined, "quarantined_max": QUARANTINED_MAX, "tainted": ledger.tainted})
+}
+
+/// How everything is: what a person reads, a line each.
+#[must_use]
+pub fn status_table(slots: &[Value], process: &Value) -> Vec<String> {
+    let count = |name: &str| process[name].as_u64().unwrap_or_default();
+    let memory = if count("tainted") > 0 { "suspect" } else { "sound" };
+    let mut lines = table(&COLUMNS, slots);
+    lines.push(format!(
+        "threads given up: {} of at most {}; instances given up: {} of at most {}; memory: {memory}",
+        count("threads_lost"),
+        count("threads_lost_max"),
+        count("quarantined"),
+        count("quarantined_max"),
+    ));
+    lines
+}
+
+/// Those fields of each row in aligned columns, below their names.
+#[must_use]
+pub fn table(columns: &[&str], rows: &[Value]) -> Vec<String> {
+    let head = columns.iter().map(|name| (*name).to_owned()).collect();
+    let cells = |row: &Value| columns.iter().map(|name| cell(&row[*name])).collect();
+    let rows: Vec<Vec<String>> = std::iter::once(head).chain(rows.iter().map(cells)).collect();
+    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
+    let widths: Vec<usize> = (0..columns.len()).map(|column| width(column).unwrap_or_default()).collect();
+    let line = |row: &Vec<String>| {
+        let cells: Vec<_> = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
+        cells.join("  ").trim_end().to_owned()
+    };
+    rows.iter().map(line).collect()
+}
+
+/// A value as it is read: texts without quotes, nothing as a dash, a list with commas.
+#[must_use]
+pub fn cell(value: &Value) -> String {
+    match value {
+        Value::Null => "-".to_owned(),
+        Value::String(text) if text.is_empty() => "-".to_owned(),
+        Value::String(text) => text.clone(),
+        Value::Array(values) if values.is_empty() => "-".to_owned(),
+        Value::Array(values) => values.iter().map(cell).collect::<Vec<_>>().join(", "),
+        other => other.to_string(),
+    }
+}
+
+/// A slot with where it comes from and what runs it.
+#[must_use]
+pub fn component(directory: &Directory, entry: &Entry) -> Value {
+    let (status, plan) = (&entry.slot.status, directory.plan_of(entry));
+    let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+    json!({"slot": entry.slot.name, "application": plan.map(|plan| plan.application.as_str()),
+        "class": status.class(), "primary": plan.map(|plan| plan.component.name.as_str()), "state": status.state(),
+        "trigger": plan.map(|plan| trigger(&plan.component.execution)), "executor": plan.map(executor),
+        "cycles": count(&status.cycles), "faults": count(&status.faults)})
+}
+
+/// All that is known of a slot.
+#[must_use]
+pub fn component_details(directory: &Directory, entry: &Entry) -> Value {
+    let mut fields = component(directory, entry);
+    let more = [of_running(&entry.slot, &entry.shelf), directory.plan_of(entry).map(details).unwrap_or_default()];
+    for (name, value) in more.into_iter().filter_map(|fields| fields.as_object().cloned()).flatten() {
+        fields[name] = value;
+    }
+    fields["ports"] = ports(entry, &directory.wires()).into();
+    fields
+}
+
+/// What the profiles say of a slot.
+fn details(plan: &SlotPlan) -> Value {
+    let (component, rules) = (&plan.component, &plan.rules);
+    let execution = &component.execution;
+    let secondaries = rules.secondaries.iter();
+    let secondaries: Vec<Value> =
+        secondaries.map(|each| json!({"class": each.component.name, "preload": each.preload})).collect();
+    let reset = rules.reset.map(|reset| json!({"limit": reset.limit, "within_ns": nanoseconds(reset.within)}));
+    json!({"version": component.version, "library": component.library, "autostart": execution.autostart,
+        "deadline_ns": execution.deadline.map(|deadline| nanoseconds(deadline.budget)),
+        "stack_bytes": execution.stack.unwrap_or(STACK_BYTES), "properties": plan.properties,
+        "severity": rules.severity, "reset": reset, "secondaries": secondaries,
+        "checkpoint_ns": rules.checkpoint.map(nanoseconds), "recovery_within_ns": rules.recovery_within.map(nanoseconds),
+        "declared": format!("{}:{}", plan.location.file.display(), plan.location.line)})
+}
+
+fn trigger(execution: &Execution) -> String {
+    match execution.trigger {
+        Trigger::Periodic(period) => format!("every {period:?}"),
+        Trigger::Nonperiodic => "data".to_owned(),
+        Trigger::Passive => "never".to_owned(),
+    }
+}
+
+fn executor(plan: &SlotPlan) -> &str {
+    plan.executor.as_deref().unwrap_or("its own")
+}
+
+/// The ports of a slot: inputs, outputs, clients, servers.
+#[must_use]
+pub fn ports(entry: &Entry, wires: &Wires) -> Vec<Value> {
+    let slot = &entry.slot;
+    let inputs = slot.inputs.iter().map(|port| input(slot.name, port, wires.of(port)));
+    let outputs = slot.outputs.iter().map(|port| output(slot.name, port, wires.of(port)));
+    let clients = slot.requestors.iter().map(|port| client(slot.name, port, wires.of(port)));
+    let servers = slot.providers.iter().map(|port| server(slot.name, port, wires.of(port)));
+    inputs.chain(outputs).chain(clients).chain(servers).collect()
+}
+
+fn input(slot: &str, port: &InPort, writers: &[End]) -> Value {
+    let (received, dropped) = port.counts();
+    json!({"slot": slot, "port": port.name, "direction": "input", "type": port.object.name.as_str(),
+        "connections": names(writers), "policy": policy(port.policy()), "received": received, "dropped": dropped,
+        "waiting": port.queued()})
+}
+
+fn output(slot: &str, port: &OutPort, readers: &[End]) -> Value {
+    json!({"slot": slot, "port": port.name, "direction": "output", "type": port.object.name.as_str(),
+        "connections": names(readers)})
+}
+
+fn client(slot: &str, port: &Requestor, servers: &[End]) -> Value {
+    let (asked, failed) = port.counts();
+    json!({"slot": slot, "port": port.name, "direction": "client", "type": exchange(port.request, port.answer),
+        "connections": names(servers), "asked": asked, "failed": failed})
+}
+
+fn server(slot: &str, port: &Provider, clients: &[End]) -> Value {
+    let (waiting, in_hand, refused) = port.counts();
+    json!({"slot": slot, "port": port.name, "direction": "server", "type": exchange(port.request, port.answer),
+        "connections": names(clients), "waiting": waiting, "in_hand": in_hand, "refused": refused})
+}
+
+fn exchange(request: &TypeDescriptor, answer: &TypeDescriptor) -> String {
+    format!("{} -> {}", request.name, answer.name)
+}
+
+fn names(ends: &[End]) -> Vec<String> {
+    ends.iter().map(ToString::to_string).collect()
+}
+
+/// The layout of what that port carries; `None`: there is no such port.
+#[must_use]
+pub fn port_layout(slot: &Slot, port: &str) -> Option<Value> {
+    let data = slot.input(port).map(|port| port.object).or_else(|| slot.output(port).map(|port| port.object));
+    let client = || slot.requestor(port).map(|port| (port.request, port.answer));
+    let server = || slot.provider(port).map(|port| (port.request, port.answer));
+    let service = || client().or_else(server);
+    data.map(layout)
+        .or_else(|| service().map(|(request, answer)| json!({"request": layout(request), "answer": layout(answer)})))
+}
+
+fn policy(queue: Queue) -> String {
+    match queue {
+        Queue::Last => "newest".to_owned(),
+        Queue::Fifo { size, .. } => format!("fifo of {size}"),
+    }
+}
+
+/// Deepest part of a layout that is shown.
+const LAYOUT_DEPTH: usize = 16;
+
+/// The layout of what a port carries.
+#[must_use]
+pub fn layout(object: &TypeDescriptor) -> Value {
+    layout_to(object, LAYOUT_DEPTH)
+}
+
+fn layout_to(object: &TypeDescriptor, depth: usize) -> Value {
+    let mut shown = json!({"name": object.name.as_str(), "kind": object.kind.opros_name(), "size": object.size});
+    let Some(depth) = depth.checked_sub(1) else { return shown };
+    if object.count > 0 {
+        shown["count"] = object.count.into();
+    }
+    if let Some(element) = object.element.into_option() {
+        shown["element"] = layout_to(element, depth);
+    }
+    let fields = object.fields.iter();
+    let fields: Vec<Value> = fields
+        .map(|field| json!({"name": field.name.as_str(), "offset": field.offset, "type": layout_to(field.object, depth)}))
+        .collect();
+    if !fields.is_empty() {
+        shown["fields"] = fields.into();
+    }
+    shown
+}
+
+#[cfg(test)]
+mod tests {
+    use component_sdk::object::CommObject;
+    use component_sdk::objects::Twist;
+
+    use super::*;
+
+    #[test]
+    fn the_table_is_aligned_and_tells_the_bounds() {
+        let slot = json!({"slot": "avoider", "state": "active", "class": "AvoidancePrimary", "cycles": 12, "missed": 0,
+            "faults": 3, "quarantined": 2, "tainted": 1, "spares": 1});
+        let lines = status_table(&[slot], &of_process(Ledger { threads_lost: 0, quarantined: 2, tainted: 1 }));
+        assert_eq!(lines.len(), 3);
+        assert_eq!(lines[0].find("class"), lines[1].find("AvoidancePrimary"));
+        assert!(lines[2].ends_with("instances given up: 2 of at most 1000000; memory: suspect"), "{}", lines[2]);
+    }
+
+    #[test]
+    fn a_layout_names_its_fields_all_the_way_down() {
+        let shown = layout(Twist::DESCRIPTOR);
+        assert_eq!((shown["name"].as_str(), shown["size"].as_u64()), (Some("Twist"), Some(48)));
+        assert_eq!(shown["fields"][1]["name"], "angular");
+        assert_eq!(
+            shown["fields"][1]["type"]["fields"][2],
+            json!({"name": "z", "offset": 16,
+            "type": {"name": "double", "kind": "double", "size": 8}})
+        );
+    }
+
+    #[test]
+    fn what_is_not_there_is_a_dash() {
+        assert_eq!(table(&["a", "b"], &[json!({"b": ["x", "y"]})]), ["a  b", "-  x, y"]);
+    }
+}

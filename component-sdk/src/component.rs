@@ -70,6 +70,10 @@ pub trait Component: Sized + Send + 'static {
     /// When a property's text does not fit its type or range.
     fn build(builder: &mut Builder<'_>) -> Result<Self, ComponentError>;
 
+    /// Whether its ports may wait: as `blocking` of each of them, with a gate of its own.
+    #[allow(unused_variables, reason = "a component without clients waits for nobody")]
+    fn blocking(&mut self, on: bool) {}
+
     /// Calls the handler of the port at which something came in.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use quote::{quote, quote_spanned};
 use syn::spanned::Spanned;
 use syn::{DeriveInput, Error, Expr, Field, Ident, Lit, LitStr, Result, Type};
 
-use crate::ports::{Port, serve};
+use crate::ports::{Port, blocking, serve};
 use crate::{description, named_fields};
 
 pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
@@ -62,10 +62,10 @@ impl ClassAttr {
 
     fn output(&self, input: &DeriveInput, parts: &Parts) -> TokenStream {
         let Self { name, version, trigger } = self;
-        let Parts { ports, properties, criticals, builders, handlers } = parts;
+        let Parts { ports, properties, criticals, builders, handlers, gates } = parts;
         let ident = &input.ident;
         let description = description(&input.attrs);
-        let serve = serve(handlers);
+        let (serve, blocking) = (serve(handlers), blocking(gates));
         quote! {
             const _: () = {
                 use ::component_sdk::abi::class::{
@@ -92,6 +92,8 @@ impl ClassAttr {
                     }
 
                     #serve
+
+                    #blocking
                 }
             };
         }
@@ -106,6 +108,7 @@ struct Parts {
     criticals: Vec<TokenStream>,
     builders: Vec<TokenStream>,
     handlers: Vec<TokenStream>,
+    gates: Vec<TokenStream>,
 }
 
 impl Parts {
@@ -139,6 +142,7 @@ impl Parts {
         let index = self.ports.len();
         self.ports.push(port.decl());
         self.handlers.extend(port.dispatch());
+        self.gates.extend(port.gate());
         let method = port.builder();
         Ok(quote!(builder.#method(#index)))
     }

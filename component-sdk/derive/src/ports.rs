@@ -128,6 +128,12 @@ impl<'a> Port<'a> {
         }
     }
 
+    /// What sets the component's gate at this port.
+    pub(crate) fn gate(&self) -> Option<TokenStream> {
+        let field = self.ident;
+        (self.kind == Kind::QueryClient).then(|| quote!(self.#field.component_blocking(on);))
+    }
+
     /// What enters its handler.
     pub(crate) fn dispatch(&self) -> Option<TokenStream> {
         let (field, handler) = (self.ident, self.handler.as_ref()?);
@@ -153,6 +159,18 @@ pub(crate) fn serve(handlers: &[TokenStream]) -> TokenStream {
         ) -> ::component_sdk::component::Outcome {
             #(#handlers)*
             ::core::result::Result::Ok(())
+        }
+    }
+}
+
+/// The method that sets the gates of all clients; nothing where there are none.
+pub(crate) fn blocking(gates: &[TokenStream]) -> TokenStream {
+    if gates.is_empty() {
+        return TokenStream::new();
+    }
+    quote! {
+        fn blocking(&mut self, on: bool) {
+            #(#gates)*
         }
     }
 }

@@ -34,6 +34,16 @@ impl Wait {
     }
 }
 
+/// Whose gate is set.
+#[repr(u8)]
+#[derive(StableAbi, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Whose {
+    /// The port's own.
+    Port,
+    /// The component's, which every client port has a copy of.
+    Component,
+}
+
 /// An object on loan, or why there is none.
 #[repr(C)]
 #[derive(StableAbi, Clone, Copy, Debug)]
@@ -104,8 +114,8 @@ pub struct CallApi {
     pub release: extern "C" fn(port: PortHandle, id: u64),
     /// Client: gives a call up, sent or not.
     pub discard: extern "C" fn(port: PortHandle, id: u64) -> u32,
-    /// Client: whether this port may wait.
-    pub blocking: extern "C" fn(port: PortHandle, on: bool) -> u32,
+    /// Client: whether this port may wait, for itself or as one of its component's.
+    pub blocking: extern "C" fn(port: PortHandle, whose: Whose, on: bool) -> u32,
     /// Server: the request of a call that it holds.
     pub opened: extern "C" fn(port: PortHandle, id: u64) -> Lent,
     /// Server: lends the block for the answer.
@@ -134,7 +144,7 @@ impl CallApi {
 }
 
 mod closed {
-    use super::{Lent, PortHandle, Status, Wait};
+    use super::{Lent, PortHandle, Status, Wait, Whose};
 
     const CODE: u32 = Status::Closed.code();
 
@@ -151,7 +161,7 @@ mod closed {
         CODE
     }
     pub(super) extern "C" fn released(_: PortHandle, _: u64) {}
-    pub(super) extern "C" fn blocking(_: PortHandle, _: bool) -> u32 {
+    pub(super) extern "C" fn blocking(_: PortHandle, _: Whose, _: bool) -> u32 {
         CODE
     }
     pub(super) extern "C" fn refused(_: PortHandle, _: u64, _: u32) -> u32 {

@@ -30,6 +30,18 @@
 //! }
 //! ```
 //!
+//! A server without a handler is a mistake that the compiler finds:
+//!
+//! ```compile_fail
+//! # use component_sdk::prelude::*;
+//! #[derive(Component)]
+//! #[component(name = "Deaf", passive)]
+//! pub struct Deaf {
+//!     #[port]
+//!     squares: QueryServer<f64, f64>,
+//! }
+//! ```
+//!
 //! A wait suspends the callback, not the thread: other components run meanwhile. It ends by the answer, by its deadline
 //! (the port's `<timeout>`, one second where the profile says nothing), or by a [`Status`] that says what came between.
 //! While a callback waits, its component is entered by no other one.
@@ -38,7 +50,7 @@ use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
 
-use crate::abi::calls::{self, CallLoan, CallRef, Lent, Wait, api};
+use crate::abi::calls::{self, CallLoan, CallRef, Lent, Wait, Whose, api};
 use crate::abi::payload::PortHandle;
 use crate::context::Context;
 use crate::object::CommObject;
@@ -171,7 +183,14 @@ impl<R: CommObject, A: CommObject> QueryClient<R, A> {
     /// # Errors
     /// `Closed`.
     pub fn blocking(&mut self, on: bool) -> Result<(), Status> {
-        Status::check((api().blocking)(self.handle, on))
+        Status::check((api().blocking)(self.handle, Whose::Port, on))
+    }
+
+    /// For the derives: the component's gate.
+    #[doc(hidden)]
+    pub fn component_blocking(&mut self, on: bool) {
+        // A port that is closed waits for nothing.
+        (api().blocking)(self.handle, Whose::Component, on);
     }
 }
 

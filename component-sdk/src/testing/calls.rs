@@ -3,7 +3,7 @@
 #![allow(unsafe_code, reason = "address of unsafe: plays the daemon's side of a call")]
 
 use super::{Bench, port};
-use crate::abi::calls::{CallApi, Incoming, Lent, ServeArgs, ServeKind, Wait};
+use crate::abi::calls::{CallApi, Incoming, Lent, ServeArgs, ServeKind, Wait, Whose};
 use crate::abi::class::{Direction, Pattern};
 use crate::abi::payload::PortHandle;
 use crate::component::{Callbacks, Outcome};
@@ -18,7 +18,8 @@ type Answerer = Box<dyn FnMut(*const u8) -> Result<*mut u8, Status>>;
 pub(super) struct Calls {
     open: Vec<Call>,
     answerer: Option<Answerer>,
-    refuses_waits: bool,
+    /// By whose gate it is.
+    refuses_waits: [bool; 2],
 }
 
 /// A call; its number is its place, from 1.
@@ -158,7 +159,7 @@ impl Calls {
     }
 
     fn receive(&mut self, id: u64, wait: Wait) -> Lent {
-        let refuses_waits = self.refuses_waits;
+        let refuses_waits = self.refuses_waits.contains(&true);
         let Some(call) = self.call(id) else { return Lent::refused(Status::WrongId) };
         match call.state {
             State::Answered => {
@@ -235,8 +236,8 @@ extern "C" fn discard(handle: PortHandle, id: u64) -> u32 {
     }
 }
 
-extern "C" fn blocking(handle: PortHandle, on: bool) -> u32 {
-    port(handle).borrow_mut().calls.refuses_waits = !on;
+extern "C" fn blocking(handle: PortHandle, whose: Whose, on: bool) -> u32 {
+    port(handle).borrow_mut().calls.refuses_waits[whose as usize] = !on;
     0
 }
 

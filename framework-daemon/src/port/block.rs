@@ -103,6 +103,18 @@ impl Newest {
         (!before.is_null()).then(|| unsafe { Arc::from_raw(before) })
     }
 
+    /// Puts one in; what was there before. Without an atomic exchange, which would take longer than all else.
+    ///
+    /// # Safety
+    /// Nobody else may put one in, take it out or look at it meanwhile.
+    #[inline]
+    pub(super) unsafe fn put_alone(&self, sample: Sample) -> Option<Sample> {
+        let before = self.0.load(Ordering::Acquire);
+        self.0.store(Arc::into_raw(sample).cast_mut(), Ordering::Release);
+        // SAFETY: as above; alone, by the caller's promise, this thread takes it out once.
+        (!before.is_null()).then(|| unsafe { Arc::from_raw(before) })
+    }
+
     /// Takes it out.
     #[inline]
     pub(super) fn take(&self) -> Option<Sample> {

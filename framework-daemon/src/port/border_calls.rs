@@ -1,7 +1,7 @@
 //! Where plugins' queries arrive. A call belongs into a callback of the instance whose port it is: a thread that the
 //! component started would have to be told apart from the callback at every step.
 
-use component_sdk::abi::calls::{CallApi, Lent, Wait};
+use component_sdk::abi::calls::{CallApi, Lent, Wait, Whose};
 use component_sdk::abi::payload::PortHandle;
 use component_sdk::status::Status;
 
@@ -74,9 +74,9 @@ extern "C" fn discard(handle: PortHandle, id: u64) -> u32 {
     code(client(handle, |port| port.discard(id)))
 }
 
-extern "C" fn blocking(handle: PortHandle, on: bool) -> u32 {
+extern "C" fn blocking(handle: PortHandle, whose: Whose, on: bool) -> u32 {
     code(client(handle, |port| {
-        port.blocking(on);
+        port.blocking(whose, on);
         Ok(())
     }))
 }

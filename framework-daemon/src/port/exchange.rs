@@ -11,7 +11,7 @@
 
 use std::cell::UnsafeCell;
 
-use crate::sys::futex::{AtomicU32, Ordering};
+use crate::sys::futex::{AtomicU32, Ordering, fence};
 
 /// Readers at a time: the owner, and threads beside it.
 const PINS: usize = 4;
@@ -99,6 +99,7 @@ impl<T> Exchange<T> {
 
     fn install(&self, before: u32, fresh: T) -> Stale<T> {
         let (mut fresh, mut stale) = (Some(fresh), [const { None }; VERSIONS]);
+        fence(Ordering::SeqCst);
         for index in (0..VERSIONS as u32).filter(|index| *index != before) {
             if self.is_pinned(index) {
                 continue;
@@ -109,9 +110,10 @@ impl<T> Exchange<T> {
             stale[index as usize] = place.take();
             if fresh.is_some() {
                 *place = fresh.take();
-                self.current.store(index, Ordering::SeqCst);
+                self.current.store(index, Ordering::Release);
             }
         }
+        fence(Ordering::SeqCst);
         // What was current until now goes, too, unless it is read.
         if !self.is_pinned(before) {
             // SAFETY: as above.
@@ -121,16 +123,18 @@ impl<T> Exchange<T> {
     }
 
     fn is_pinned(&self, index: u32) -> bool {
-        self.pins.iter().any(|pin| pin.load(Ordering::SeqCst) == index)
+        self.pins.iter().any(|pin| pin.load(Ordering::Acquire) == index)
     }
 
     /// Pins the present version.
     fn pin(&self, pin: &AtomicU32) -> u32 {
         loop {
             let index = self.current.load(Ordering::Acquire);
-            // Whoever makes another version current after this sees the pin; whoever did before is seen by the load.
-            pin.swap(index, Ordering::SeqCst);
-            if self.current.load(Ordering::SeqCst) == index {
+            pin.store(index, Ordering::Release);
+            // With the fences in `install`: whoever makes another version current after this sees the pin, and whoever did
+            // before is seen by the load.
+            fence(Ordering::SeqCst);
+            if self.current.load(Ordering::Acquire) == index {
                 return index;
             }
         }
@@ -147,7 +151,7 @@ impl<T> Exchange<T> {
 }
 
 fn claim(word: &AtomicU32, free: u32, taken: u32) -> bool {
-    word.compare_exchange(free, taken, Ordering::SeqCst, Ordering::Relaxed).is_ok()
+    word.compare_exchange(free, taken, Ordering::AcqRel, Ordering::Relaxed).is_ok()
 }
 
 /// Asks again and again, with pauses in which others may finish.

@@ -1,28 +1,38 @@
-//! Whether a port may wait. Two gates, both of which must be open: the author's, and that of its slot, which is closed
-//! while the slot is to come to an end.
+//! Whether a port may wait. Three gates, all of which must be open: the author's for the port, the author's for the whole
+//! component, and that of its slot, which is closed while the slot is to come to an end.
 //!
 //! A gate is a level: it stays as it was set. Closings are counted besides, so that one that is opened again at once
 //! still ends the waits that had begun.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
+use component_sdk::abi::calls::Whose;
+
 /// The gates of one client port.
 pub struct Gate {
-    author: AtomicBool,
+    port: AtomicBool,
+    component: AtomicBool,
     slot: AtomicBool,
     closings: AtomicU32,
 }
 
 impl Default for Gate {
     fn default() -> Self {
-        Self { author: AtomicBool::new(true), slot: AtomicBool::new(true), closings: AtomicU32::new(0) }
+        let open = || AtomicBool::new(true);
+        Self { port: open(), component: open(), slot: open(), closings: AtomicU32::new(0) }
     }
 }
 
 impl Gate {
-    /// Sets the author's gate.
-    pub fn set_author(&self, open: bool) {
-        self.set(&self.author, open);
+    /// Sets the author's gate for the port, or for the whole component.
+    pub fn set_author(&self, whose: Whose, open: bool) {
+        self.set(if whose == Whose::Port { &self.port } else { &self.component }, open);
+    }
+
+    /// Opens the author's gates: those of an instance that is gone.
+    pub fn open_authors(&self) {
+        self.port.store(true, Ordering::SeqCst);
+        self.component.store(true, Ordering::SeqCst);
     }
 
     /// Sets the slot's gate.
@@ -46,7 +56,8 @@ impl Gate {
     /// True while a wait that began at that count may go on.
     #[must_use]
     pub fn lets_wait(&self, closings: u32) -> bool {
-        self.author.load(Ordering::SeqCst) && self.slot.load(Ordering::SeqCst) && self.closings() == closings
+        let gates = [&self.port, &self.component, &self.slot];
+        gates.iter().all(|gate| gate.load(Ordering::SeqCst)) && self.closings() == closings
     }
 }
 
@@ -55,20 +66,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_must_be_open_and_a_closing_is_remembered() {
+    fn all_must_be_open_and_a_closing_is_remembered() {
         let gate = Gate::default();
         let before = gate.closings();
         assert!(gate.lets_wait(before));
-        gate.set_author(false);
+        gate.set_author(Whose::Port, false);
         gate.set_slot(false);
-        gate.set_author(true);
+        gate.set_author(Whose::Port, true);
         assert!(!gate.lets_wait(gate.closings()), "the other is closed");
         gate.set_slot(true);
         assert!(!gate.lets_wait(before), "it was closed meanwhile");
         assert!(gate.lets_wait(gate.closings()));
-        gate.set_author(false);
-        gate.set_author(false);
-        gate.set_author(true);
+        gate.set_author(Whose::Port, false);
+        gate.set_author(Whose::Port, false);
+        gate.set_author(Whose::Port, true);
         assert!(gate.lets_wait(gate.closings()), "flags, not counters");
+        gate.set_author(Whose::Component, false);
+        gate.set_author(Whose::Port, true);
+        assert!(!gate.lets_wait(gate.closings()), "each has its own");
+        gate.open_authors();
+        assert!(gate.lets_wait(gate.closings()));
     }
 }

@@ -3,7 +3,7 @@
 //! The atomics are named here so that a model checker can put its own in their place (`tests/loom`).
 #![allow(unsafe_code, reason = "address of unsafe: the futex system call")]
 
-pub use std::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
+pub use std::sync::atomic::{AtomicPtr, AtomicU32, Ordering, fence};
 
 use super::clock;
 

@@ -1,7 +1,7 @@
 //! `sys::futex` for the checker: compares and waits in one step, wakes one waiter, and never by itself, so that a wake-up that
 //! is lost is a deadlock that the checker reports.
 
-pub use loom::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
+pub use loom::sync::atomic::{AtomicPtr, AtomicU32, Ordering, fence};
 use loom::sync::{Condvar, Mutex};
 
 struct Queue {

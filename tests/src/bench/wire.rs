@@ -1,9 +1,11 @@
 //! A running system of the measuring components, on two executors that stay on a processor each.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, AtomicPtr, Ordering};
+use std::time::{Duration, Instant};
 
 use framework_daemon::model::fault::FaultEvent;
+use framework_daemon::port::wiring::{Name, connect, disconnect};
 use framework_daemon::profile::load;
 use framework_daemon::supervise::boot::boot;
 use framework_daemon::supervise::shutdown::shutdown;
@@ -78,5 +80,69 @@ impl Bench {
 impl Drop for Bench {
     fn drop(&mut self) {
         self.system.take().into_iter().for_each(shutdown);
+    }
+}
+
+/// Nanoseconds of connecting a reader and disconnecting it again while its writer passes values on at full speed, and of two
+/// exchanges of a pointer that another thread follows all the time.
+///
+/// # Panics
+/// When the system does not come up or a connection is refused.
+#[must_use]
+pub fn rewire(sched: &str, rounds: usize) -> (Samples, Samples) {
+    let slots = [
+        on("one", "ping", "HopSmall", &[("leads", "bool", "true"), ("batch", "int", "500")]),
+        on("one", "pong", "HopSmall", &[("batch", "int", "500")]),
+        on("other", "ear", "Ear", &[]),
+    ];
+    let bench = Bench::start(sched, &slots, &["ping.said -> pong.heard", "pong.said -> ping.heard"]);
+    let registry = &bench.system().registry;
+    let (from, to) = (Name { slot: "ping", port: "said" }, Name { slot: "ear", port: "heard" });
+    let (mut own, mut raw) = (Samples::default(), Samples::default());
+    for round in 0..rounds {
+        let began = Instant::now();
+        connect(registry, from, to).expect("it fits");
+        disconnect(registry, to).expect("it is there");
+        let took = began.elapsed();
+        if round >= rounds / 10 {
+            own.add(took.as_nanos() as u64);
+        }
+        // The traffic goes on in between.
+        std::thread::sleep(Duration::from_micros(50));
+    }
+    drop(bench);
+    let followed = Followed::default();
+    (0..rounds).for_each(|_| raw.add(followed.exchange_twice()));
+    (own, raw)
+}
+
+/// A pointer that a thread follows all the time.
+struct Followed(Arc<(AtomicPtr<u64>, AtomicBool)>);
+
+impl Default for Followed {
+    fn default() -> Self {
+        let shared = Arc::new((AtomicPtr::new(std::ptr::null_mut()), AtomicBool::new(false)));
+        let other = Arc::clone(&shared);
+        std::thread::spawn(move || {
+            while !other.1.load(Ordering::Relaxed) {
+                std::hint::black_box(other.0.load(Ordering::Acquire));
+            }
+        });
+        Self(shared)
+    }
+}
+
+impl Followed {
+    fn exchange_twice(&self) -> u64 {
+        let began = Instant::now();
+        let before = self.0.0.swap(std::ptr::null_mut(), Ordering::SeqCst);
+        std::hint::black_box(self.0.0.swap(before, Ordering::SeqCst));
+        began.elapsed().as_nanos() as u64
+    }
+}
+
+impl Drop for Followed {
+    fn drop(&mut self) {
+        self.0.1.store(true, Ordering::Relaxed);
     }
 }

@@ -9,7 +9,7 @@ use serde_json::Value;
 use tests::bench::load::Load;
 use tests::bench::rig::Payload;
 use tests::bench::stats::{Samples, Setting};
-use tests::bench::{erlang, guard, hang, hop, recovery, report};
+use tests::bench::{erlang, guard, hang, hop, recovery, report, wire};
 
 /// As in the daemon.
 #[global_allocator]
@@ -38,16 +38,19 @@ struct Arguments {
     from: Option<PathBuf>,
 }
 
-const NAMES: [&str; 8] = [
+const NAMES: [&str; 9] = [
     "guard_cost",
     "hop_same_executor",
     "hop_cross_executor",
     "fan_out",
+    "rewire",
     "trap_recovery",
     "panic_recovery",
     "hang_recovery",
     "erlang_supervisor",
 ];
+/// Connections made and cut.
+const REWIRES: usize = 10_000;
 /// How long the data path of each kind is measured.
 const RUN: Duration = Duration::from_secs(2);
 /// What takes the place of what failed.
@@ -125,7 +128,7 @@ impl Run {
         for (payload, executor) in [("its executor", "one"), ("another one", "other")] {
             self.hop("fan_out", payload, load, sched, || hop::fan_out(executor, sched, RUN))?;
         }
-        Ok(())
+        self.hop("rewire", "64 B", load, sched, || wire::rewire(sched, REWIRES))
     }
 
     fn hop(

@@ -1,6 +1,7 @@
 //! One test for each line of the tables of the communication patterns, on each transport there is: near (both sides on
 //! one executor) and far (each on its own). A test's name is its line's.
 
+mod allocation;
 mod check;
 mod query;
 mod rig;

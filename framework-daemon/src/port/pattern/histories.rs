@@ -5,7 +5,7 @@
 use std::cell::RefCell;
 use std::sync::Arc;
 
-use component_sdk::abi::calls::Wait;
+use component_sdk::abi::calls::{Wait, Whose};
 use component_sdk::object::CommObject;
 use component_sdk::status::Status;
 use proptest::prelude::*;
@@ -93,7 +93,7 @@ fn each_way_in_which_a_wait_ends() {
     type Meanwhile = fn(&Requestor, &Provider);
     let ways: [(Result<u64, Status>, bool, Meanwhile); 8] = [
         (Ok(6), false, |_, server| serve(server).unwrap()),
-        (Err(Status::Cancelled), true, |client, _| client.blocking(false)),
+        (Err(Status::Cancelled), true, |client, _| client.blocking(Whose::Port, false)),
         (Err(Status::Cancelled), true, |client, _| {
             client.set_blocking(false);
             client.set_blocking(true);
@@ -121,7 +121,7 @@ fn each_way_in_which_a_wait_ends() {
         let after = receive(&client, id, Wait::NONE, never);
         assert_eq!(after, Err(if id_stays { Status::NoData } else { Status::WrongId }), "after {expected:?}");
         if id_stays {
-            client.blocking(true);
+            client.blocking(Whose::Port, true);
             assert_eq!(serve(&server), Ok(()));
             assert_eq!(receive(&client, id, Wait::DEFAULT, never), Ok(6), "nothing was consumed");
         }
@@ -150,7 +150,7 @@ fn data_wins_over_the_gate_and_over_a_disconnection() {
     let (client, server) = pair();
     let (one, two) = (request(&client, 1).unwrap(), request(&client, 2).unwrap());
     serve(&server).unwrap();
-    client.blocking(false);
+    client.blocking(Whose::Port, false);
     assert_eq!(receive(&client, one, Wait::DEFAULT, never), Ok(2));
     assert_eq!(receive(&client, two, Wait::DEFAULT, never), Err(Status::Cancelled), "at once, and a level");
     serve(&server).unwrap();

@@ -7,7 +7,7 @@
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use component_sdk::abi::calls::{Lent, Wait};
+use component_sdk::abi::calls::{Lent, Wait, Whose};
 use component_sdk::object::TypeDescriptor;
 use component_sdk::status::Status;
 
@@ -152,9 +152,9 @@ impl Requestor {
         self.client.ring();
     }
 
-    /// The author's gate.
-    pub fn blocking(&self, on: bool) {
-        self.gate.set_author(on);
+    /// The author's gates.
+    pub fn blocking(&self, whose: Whose, on: bool) {
+        self.gate.set_author(whose, on);
         self.client.ring();
     }
 
@@ -162,7 +162,7 @@ impl Requestor {
     pub fn close_calls(&self) {
         self.client.abandon();
         self.waiter.end();
-        self.gate.set_author(true);
+        self.gate.open_authors();
     }
 
     /// Lends a call and the block for its request.

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use component_sdk::component::Component as _;
 use component_sdk::prelude::*;
 
 use crate::{Ask, Asker, Told, todo};
@@ -24,7 +25,7 @@ cases! {
     receive_wait_error_consumes, receive_wait_timeout_keeps_id, discard_invalidates, discard_unknown_id,
     many_pending_any_order, default_deadline_ends_query, answer_later_from_another_callback, answer_ok,
     active_handler_keeps_the_request, handler_may_query_itself_others, handler_may_wait,
-    data_wins_over_the_gate, it_is_a_level, flags_not_counters, blocking_has_no_effect_on_request,
+    component_blocking_reaches_every_requestor, three_gates_all_must_be_open, data_wins_over_the_gate, it_is_a_level, flags_not_counters, blocking_has_no_effect_on_request,
     cycle_of_two_is_answered, own_service_is_a_cycle, a_large_number_of_queries_loses_nothing,
     handler_panic_is_contained_and_client_released, retry_asks_the_successor_once_each, server_crash_next_call,
     queued_calls_survive_a_replacement, server_crash_releases_the_waiter, handler_hang_is_ended_and_client_released,
@@ -36,6 +37,7 @@ fn ask(todo: u32, number: u64) -> Ask {
     Ask { todo, number }
 }
 
+#[allow(clippy::needless_pass_by_value, reason = "what is compared is made for it")]
 fn same<T: PartialEq + std::fmt::Debug>(found: T, wanted: T) -> Result<(), String> {
     if found == wanted { Ok(()) } else { Err(format!("{found:?} instead of {wanted:?}")) }
 }
@@ -250,6 +252,27 @@ fn handler_may_wait(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String
     // A slot that waits in its handler is entered by no other one.
     same(number(asker.tell.receive_wait(next)), Ok(2))?;
     same(number(asker.tell.receive(slow)), Ok(21))
+}
+
+fn component_blocking_reaches_every_requestor(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    asker.blocking(false);
+    let ends = [number(asker.tell.query(ask(todo::KEEP, 1))), number(asker.again.query(ask(todo::KEEP, 1)))];
+    asker.blocking(true);
+    let_go(asker)?;
+    same(ends, [Err(Status::Cancelled); 2])
+}
+
+fn three_gates_all_must_be_open(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    asker.blocking(false);
+    text(asker.tell.blocking(true))?;
+    let component = number(asker.tell.query(ask(todo::ANSWER, 1)));
+    text(asker.tell.blocking(false))?;
+    asker.blocking(true);
+    let port = number(asker.tell.query(ask(todo::ANSWER, 1)));
+    text(asker.tell.blocking(true))?;
+    same((component, port), (Err(Status::Cancelled), Err(Status::Cancelled)))?;
+    // The third one is the slot's, closed before `stop`.
+    same(number(asker.tell.query(ask(todo::ANSWER, 1))), Ok(2))
 }
 
 fn data_wins_over_the_gate(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {

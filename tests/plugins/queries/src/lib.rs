@@ -80,10 +80,11 @@ pub struct Asker {
     /// For those who ask back.
     #[port(handler = on_ask)]
     answers: QueryServer<Ask, Told>,
-    /// Which cases: `all`, or the name of one that the component ends with.
+    /// `all` cases, `stay` in a wait, or `measure` a query.
     #[property(default = "all")]
     run: String,
     next: usize,
+    times: Vec<u64>,
 }
 
 impl Callbacks for Asker {
@@ -93,8 +94,10 @@ impl Callbacks for Asker {
     }
 
     fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
-        if self.run != "all" {
-            return self.stay(cx);
+        match self.run.as_str() {
+            "stay" => return self.stay(cx),
+            "measure" => return self.measure(cx),
+            _ => {}
         }
         let Some((name, case)) = cases::ALL.get(self.next) else { return Ok(()) };
         self.next += 1;
@@ -118,6 +121,21 @@ impl Asker {
     fn on_ask(&mut self, _: &mut Context<'_>, query: Query<'_, Ask, Told>) -> Outcome {
         let number = query.number + 1000;
         query.answer(Told { number, handled: 0 })?;
+        Ok(())
+    }
+
+    /// Times queries, by the thousand: to look at the clock takes as long as a third of one.
+    fn measure(&mut self, cx: &mut Context<'_>) -> Outcome {
+        for _ in 0..50 {
+            let began = cx.clock();
+            for number in 0..1000 {
+                self.tell.query(Ask { todo: todo::ANSWER, number })?;
+            }
+            self.times.push(cx.clock().since(began).as_nanos() as u64 / 1000);
+        }
+        self.times.sort_unstable();
+        info!(cx, "a query takes {} ns at best, {} ns mostly", self.times[0], self.times[self.times.len() / 2]);
+        self.times.clear();
         Ok(())
     }
 

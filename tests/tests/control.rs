@@ -74,6 +74,34 @@ fn components_are_listed_and_described() {
 }
 
 #[test]
+fn an_operator_wires_ports_while_they_run() {
+    let profiles = pair();
+    let daemon = Running::start(profiles.path(), &[]);
+    daemon.wait_for("heard 101");
+    let connections = || {
+        let port = done(ask(&daemon, "port info listener.heard --format json")).json().remove(0)["port"].take();
+        (port["connections"].clone(), port["received"].as_u64().unwrap())
+    };
+    let text = done(ask(&daemon, "disconnect listener.heard")).out;
+    assert_eq!(text, "disconnected listener.heard\n");
+    let (none, before) = connections();
+    std::thread::sleep(Duration::from_millis(50));
+    assert_eq!((none, connections().1), (json!([]), before), "nothing comes any more");
+    done(ask(&daemon, "connect listener.heard ticker.out --format json"));
+    assert_eq!(connections().0, json!(["ticker.out"]));
+    daemon.wait_for("heard 201");
+    for (words, reason) in [
+        ("connect listener.heard tiker.out", "listener.heard cannot be connected to tiker.out: there is no slot tiker"),
+        ("connect listener.herd ticker.out", "slot listener has no port herd"),
+        ("disconnect nobody.out", "there is no slot nobody"),
+    ] {
+        let wrong = ask(&daemon, words);
+        assert_eq!(wrong.code, Some(6), "{wrong:?}");
+        assert!(wrong.err.contains(reason), "{wrong:?}");
+    }
+}
+
+#[test]
 fn ports_are_listed_and_described() {
     let profiles = pair();
     let daemon = Running::start(profiles.path(), &[]);

@@ -13,6 +13,8 @@ pub mod check;
 pub mod completions;
 /// `component`.
 pub mod component;
+/// `connect` and `disconnect`.
+pub mod connect;
 /// `describe`.
 pub mod describe;
 /// Exit codes.
@@ -71,6 +73,10 @@ pub enum Verb {
     Component(component::Arguments),
     /// Show the ports of a running daemon, and measure their rates.
     Port(port::Arguments),
+    /// Connect two ports of a running daemon.
+    Connect(connect::Connect),
+    /// Cut the connections of a port of a running daemon.
+    Disconnect(connect::Disconnect),
     /// Show what failed in a running daemon, and what was done about it.
     Fault(fault::Arguments),
     /// Have a running daemon read its profiles again, all or nothing.
@@ -107,6 +113,8 @@ pub fn main() -> ExitCode {
         Verb::Status(arguments) => status::run(&arguments, &mut out),
         Verb::Component(arguments) => component::run(&arguments, &mut out),
         Verb::Port(arguments) => port::run(&arguments, &mut out),
+        Verb::Connect(arguments) => connect::connect(&arguments, &mut out),
+        Verb::Disconnect(arguments) => connect::disconnect(&arguments, &mut out),
         Verb::Fault(arguments) => fault::run(&arguments, &mut out),
         Verb::Reload(arguments) => reload::run(&arguments, &mut out),
         Verb::Completions(arguments) => completions::run(&arguments, &mut out),

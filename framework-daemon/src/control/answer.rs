@@ -9,6 +9,7 @@ use super::directory::{Board, Directory};
 use super::interface::{INTERFACES, Method, PortName, Refusal};
 use super::{stream, views};
 use crate::fault::manager::Outlook;
+use crate::port::{registry, wiring};
 
 /// All that the control socket looks at.
 pub(super) struct Sight {
@@ -58,6 +59,8 @@ impl Sight {
                 self.check_slot(slot.as_deref())?;
                 return Ok(None);
             }
+            Method::Connect(one, other) => wired(one, wiring::connect(registry::shared(), one.into(), other.into()))?,
+            Method::Disconnect(name) => wired(name, wiring::disconnect(registry::shared(), name.into()))?,
             Method::Hz(..) | Method::Reload => return Ok(None),
         };
         Ok(Some(answer))
@@ -96,6 +99,19 @@ impl Sight {
         let missing = || Refusal::NoSuchPort(name.clone(), entry.missing(&name.port));
         let (port, layout) = found.zip(views::port_layout(&entry.slot, &name.port)).ok_or_else(missing)?;
         Ok(json!({"port": port, "layout": layout}))
+    }
+}
+
+/// An operator wires ports as a component does: on the spot, and nobody waits.
+fn wired(name: &PortName, result: Result<(), wiring::Refusal>) -> Result<Value, Refusal> {
+    result.map_err(|refusal| Refusal::WiringRefused(name.clone(), refusal.code(), refusal.to_string()))?;
+    tracing::info!("wired by an operator: {}.{}", name.slot, name.port);
+    Ok(json!({}))
+}
+
+impl<'a> From<&'a PortName> for wiring::Name<'a> {
+    fn from(name: &'a PortName) -> Self {
+        Self { slot: &name.slot, port: &name.port }
     }
 }
 

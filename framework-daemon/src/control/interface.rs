@@ -57,6 +57,10 @@ pub enum Method {
     Follow(Option<String>, usize),
     /// Read the profiles again.
     Reload,
+    /// Connect two ports.
+    Connect(PortName, PortName),
+    /// Cut the connections of a port.
+    Disconnect(PortName),
 }
 
 /// Why a call is refused.
@@ -76,6 +80,8 @@ pub enum Refusal {
     NoSuchPort(PortName, String),
     /// The port has no rate that could be measured.
     NotMeasurable(PortName, String),
+    /// Ports are not connected, or not disconnected: the status, and why.
+    WiringRefused(PortName, u32, String),
     /// The new profiles are not taken.
     ReloadRefused(Vec<String>),
     /// It is no call.
@@ -98,6 +104,7 @@ impl Refusal {
             Self::NoSuchComponent(..) => (OWN, "NoSuchComponent"),
             Self::NoSuchPort(..) => (OWN, "NoSuchPort"),
             Self::NotMeasurable(..) => (OWN, "NotMeasurable"),
+            Self::WiringRefused(..) => (OWN, "WiringRefused"),
             Self::ReloadRefused(_) => (OWN, "ReloadRefused"),
             Self::BadRequest(_) => (OWN, "BadRequest"),
             Self::TooManyClients(_) => (OWN, "TooManyClients"),
@@ -118,6 +125,9 @@ impl Refusal {
             Self::NoSuchPort(PortName { slot, port }, reason)
             | Self::NotMeasurable(PortName { slot, port }, reason) => {
                 json!({"slot": slot, "port": port, "reason": reason})
+            }
+            Self::WiringRefused(PortName { slot, port }, status, reason) => {
+                json!({"slot": slot, "port": port, "status": status, "reason": reason})
             }
             Self::ReloadRefused(reasons) => {
                 json!({"reasons": reasons, "reason": "not reloaded: everything runs on as it was"})
@@ -153,6 +163,12 @@ impl Method {
             (OWN, "ListFaults") => Self::ListFaults(fields.text_if_any("slot")?, fields.last(FAULTS_DEFAULT)?),
             (OWN, "Follow") => Self::Follow(fields.text_if_any("slot")?, fields.last(0)?),
             (OWN, "Reload") => Self::Reload,
+            (OWN, "Connect") => {
+                let to =
+                    |fields: &mut Fields| Ok(PortName { slot: fields.text("to_slot")?, port: fields.text("to_port")? });
+                Self::Connect(fields.port()?, to(&mut fields)?)
+            }
+            (OWN, "Disconnect") => Self::Disconnect(fields.port()?),
             _ => return Err(unknown()),
         };
         match fields.0.into_iter().next() {
@@ -223,7 +239,7 @@ mod tests {
 
     #[test]
     fn every_described_method_is_offered() {
-        let given = json!({"slot": "a", "port": "b", "interface": OWN, "window_ms": 100, "last": 3});
+        let given = json!({"slot": "a", "port": "b", "to_slot": "c", "to_port": "d", "interface": OWN, "window_ms": 100, "last": 3});
         for (interface, description) in INTERFACES {
             assert!(description.contains(&format!("interface {interface}\n")));
             for line in description.lines().filter_map(|line| line.strip_prefix("method ")) {
@@ -250,6 +266,7 @@ mod tests {
             Refusal::NoSuchComponent(text(), text()),
             Refusal::NoSuchPort(name.clone(), text()),
             Refusal::NotMeasurable(name, text()),
+            Refusal::WiringRefused(PortName { slot: text(), port: text() }, 14, text()),
             Refusal::ReloadRefused(vec![text()]),
             Refusal::BadRequest(text()),
             Refusal::TooManyClients(text()),

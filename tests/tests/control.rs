@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use tests::asking::{Answer, Wire, ask, ask_at, finish, start};
-use tests::profiles::{Profiles, application, slot};
+use tests::profiles::{Profiles, application, connection_of, plugin_dir, slot};
 use tests::running::Running;
 
 const IGNORE: &str = "<fault_tolerance><severity>ignore</severity></fault_tolerance>";
@@ -100,6 +100,53 @@ fn ports_are_listed_and_described() {
         assert!(wrong.code == Some(6) && wrong.err.contains(told), "{asked}: {wrong:?}");
     }
     assert_eq!(ask(&daemon, "port info ticker").code, Some(2));
+}
+
+#[test]
+fn connections_that_a_component_makes_are_seen_while_they_change() {
+    let slots = [
+        slot("one", "Ticker", ""),
+        slot("two", "Ticker", ""),
+        slot("listener", "Listener", ""),
+        slot("switch", "Switch", ""),
+    ];
+    let profiles = Profiles::new(&application(&slots, &[]));
+    let daemon = Running::start(profiles.path(), &[]);
+    let mut wire = Wire::to(&daemon);
+    let mut seen = Vec::new();
+    let began = Instant::now();
+    while !(seen.contains(&json!(["one.out"])) && seen.contains(&json!(["two.out"]))) {
+        assert!(began.elapsed() < Duration::from_secs(60), "{seen:?}");
+        let reply = wire.ask("DescribePort", &json!({"slot": "listener", "port": "heard"}));
+        let connections = reply["parameters"]["port"]["connections"].clone();
+        if !seen.contains(&connections) {
+            seen.push(connections);
+        }
+    }
+}
+
+#[test]
+fn ports_of_queries_are_listed_with_what_they_count() {
+    let profiles = Profiles::new("<application_profile><name>test</name></application_profile>");
+    profiles.describe(&plugin_dir().join("libqueries.so"));
+    let app = application(&[slot("asker", "Asker", ""), slot("teller", "Teller", ""), slot("echo", "Echo", "")], &[]);
+    let link = connection_of("service", "asker.tell -> teller.told", "");
+    profiles.write("app.xml", &app.replace("</port_connections>", &format!("{link}</port_connections>")));
+    let daemon = Running::start(profiles.path(), &[]);
+    let listed = done(ask(&daemon, "port list --format json")).json();
+    let find = |slot: &str, port: &str| {
+        listed.iter().find(|each| each["slot"] == slot && each["port"] == port).unwrap_or_else(|| panic!("{listed:?}"))
+    };
+    let (client, server) = (find("asker", "tell"), find("teller", "told"));
+    assert_eq!((&client["direction"], &client["connections"]), (&json!("client"), &json!(["teller.told"])));
+    assert_eq!((&server["direction"], &server["connections"]), (&json!("server"), &json!(["asker.tell"])));
+    assert!(
+        client["asked"].is_u64() && server["refused"].is_u64() && client["type"].as_str().unwrap().contains(" -> ")
+    );
+    let text = done(ask(&daemon, "port info asker.tell")).out;
+    assert!(["request", "answer", "asked"].iter().all(|word| text.contains(word)), "{text}");
+    let no_rate = ask(&daemon, "port hz asker.tell");
+    assert!(no_rate.code == Some(6) && no_rate.err.contains("is no data port"), "{no_rate:?}");
 }
 
 #[test]

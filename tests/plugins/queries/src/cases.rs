@@ -26,7 +26,8 @@ cases! {
     many_pending_any_order, default_deadline_ends_query, answer_later_from_another_callback, answer_ok,
     active_handler_keeps_the_request, handler_may_query_itself_others, handler_may_wait,
     component_blocking_reaches_every_requestor, three_gates_all_must_be_open, data_wins_over_the_gate, it_is_a_level, flags_not_counters, blocking_has_no_effect_on_request,
-    cycle_of_two_is_answered, own_service_is_a_cycle, a_large_number_of_queries_loses_nothing,
+    disconnect_before_the_answer_client, disconnect_before_the_answer_server, answer_then_disconnect_then_receive,
+    reconnect_does_not_revive_old_ids, cycle_of_two_is_answered, own_service_is_a_cycle, a_large_number_of_queries_loses_nothing,
     handler_panic_is_contained_and_client_released, retry_asks_the_successor_once_each, server_crash_next_call,
     queued_calls_survive_a_replacement, server_crash_releases_the_waiter, handler_hang_is_ended_and_client_released,
 }
@@ -359,4 +360,61 @@ fn retry_asks_the_successor_once_each(asker: &mut Asker, cx: &mut Context<'_>) -
 fn handler_hang_is_ended_and_client_released(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
     let end = number(asker.tell.query_within(ask(todo::HANG, 1), Duration::from_secs(30)));
     same(end, Err(Status::ProviderGone))
+}
+
+const TELL: (&str, &str) = ("asker", "tell");
+
+fn cut(cx: &Context<'_>) -> Result<(), String> {
+    cx.wiring().disconnect(TELL).map_err(|refusal| refusal.to_string())
+}
+
+fn join(cx: &Context<'_>) -> Result<(), String> {
+    cx.wiring().connect(TELL, ("teller", "told")).map_err(|refusal| refusal.to_string())
+}
+
+/// A query that the teller has in hand.
+fn in_hand(asker: &mut Asker, number: u64) -> Result<QueryId<Told>, String> {
+    let id = text(asker.tell.request(ask(todo::KEEP, number)))?;
+    // It is served before the next one.
+    same(self::number(asker.tell.query(ask(todo::ANSWER, 1))), Ok(2))?;
+    Ok(id)
+}
+
+fn disconnect_before_the_answer_client(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
+    let id = in_hand(asker, 1)?;
+    cut(cx)?;
+    let ends = [number(asker.tell.receive_wait(id)), number(asker.tell.receive(id))];
+    let unconnected = number(asker.tell.query(ask(todo::ANSWER, 1)));
+    join(cx)?;
+    let_go(asker)?;
+    same(ends, [Err(Status::Disconnected), Err(Status::WrongId)])?;
+    same(unconnected, Err(Status::Disconnected))
+}
+
+fn disconnect_before_the_answer_server(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
+    let id = in_hand(asker, 1)?;
+    cut(cx)?;
+    join(cx)?;
+    let_go(asker)?;
+    let server = number(asker.tell.query(ask(todo::REPORT, 0)));
+    same(number(asker.tell.receive(id)), Err(Status::Disconnected))?;
+    same(server, Ok(u64::from(Status::Disconnected.code())))
+}
+
+fn answer_then_disconnect_then_receive(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
+    let id = in_hand(asker, 1)?;
+    let_go(asker)?;
+    cut(cx)?;
+    let answer = number(asker.tell.receive(id));
+    join(cx)?;
+    same(answer, Ok(2))
+}
+
+fn reconnect_does_not_revive_old_ids(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
+    let id = in_hand(asker, 1)?;
+    cut(cx)?;
+    join(cx)?;
+    same(number(asker.tell.receive_wait(id)), Err(Status::Disconnected))?;
+    same(number(asker.tell.receive_wait(id)), Err(Status::WrongId))?;
+    let_go(asker).map(|_| ())
 }

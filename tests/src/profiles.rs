@@ -67,12 +67,17 @@ pub fn plugin_dir() -> PathBuf {
 /// An application of these subcomponents and connections (`ticker.out -> relay.heard`).
 #[must_use]
 pub fn application(subcomponents: &[String], connections: &[&str]) -> String {
-    let connections: String = connections.iter().map(|connection| self::connection(connection, "")).collect();
+    let connections: String = connections.iter().map(|connection| written(connection)).collect();
     format!(
         "<application_profile>\n<name>test</name>\n<subcomponents>\n{}</subcomponents>\n<port_connections>\n\
          {connections}</port_connections>\n</application_profile>\n",
         subcomponents.concat()
     )
+}
+
+/// `ticker.out -> relay.heard` as a connection of data; what is XML already stays as it is.
+fn written(connection: &str) -> String {
+    if connection.starts_with('<') { connection.to_owned() } else { self::connection(connection, "") }
 }
 
 /// A connection, `ticker.out -> relay.heard`, with whatever belongs inside it.

@@ -184,7 +184,7 @@ struct Run {
 
 impl Run {
     fn new(bell: Arc<Bell>, inbox: Receiver<Command>, faults: FaultSender) -> Self {
-        let crew = Crew { fibers: FiberPool::default(), faults, lost: false };
+        let crew = Crew { fibers: FiberPool::default(), faults, lost: false, ended_ns: 0 };
         Self { bell, inbox, crew, members: Vec::new(), order: Vec::new(), ran: Vec::new() }
     }
 
@@ -198,6 +198,8 @@ impl Run {
                 }
             }
             self.cycle();
+            // Whatever follows may have taken its time.
+            self.crew.ended_ns = 0;
             if self.inbox.is_empty() {
                 self.bell.wait_until(self.next_due());
             }

@@ -32,6 +32,20 @@ pub struct Crew {
     pub faults: FaultSender,
     /// An instance trapped on this thread.
     pub lost: bool,
+    /// When the last callback ended, as long as that is as good as now; 0: not known. To look takes as long as the way into
+    /// a callback, so that the end of one is the beginning of the next.
+    pub ended_ns: u64,
+}
+
+impl Crew {
+    /// When a callback that follows the last one at once begins.
+    #[must_use]
+    pub fn now_ns(&mut self) -> u64 {
+        match std::mem::take(&mut self.ended_ns) {
+            0 => clock::now_ns(),
+            ended_ns => ended_ns,
+        }
+    }
 }
 
 /// A secondary of the slot.
@@ -206,7 +220,7 @@ impl Member {
         self.reach_for_spare();
         let inject = self.inject.pop_front().unwrap_or(0);
         let job = Job::Execute { queued: self.queued() };
-        let now_ns = clock::now_ns();
+        let now_ns = crew.now_ns();
         // Looked at where it lies: a fault is large.
         let result = self.undertake(job, Call { inject, ..Call::at(Hook::Execute, now_ns) }, crew);
         self.after(&result, now_ns, crew);
@@ -214,7 +228,7 @@ impl Member {
 
     /// Goes on with the callback that waits.
     pub fn go_on(&mut self, crew: &mut Crew) {
-        let now_ns = clock::now_ns();
+        let now_ns = crew.now_ns();
         let result = self.resume(true, crew);
         self.after(&result, now_ns, crew);
     }
@@ -236,17 +250,17 @@ impl Member {
 
     /// What follows a stretch of a callback that may wait.
     pub(super) fn after(&mut self, result: &Result<Pause, Fault>, began_ns: u64, crew: &mut Crew) {
-        match result {
-            Ok(Pause::Done) => {
-                let took_ns = self.strand.ran_ns + (clock::now_ns() - began_ns);
-                self.finish(took_ns, crew);
-            }
-            Ok(Pause::Waits) => {
-                self.strand.ran_ns += clock::now_ns() - began_ns;
-                // The next callback on this thread would erase it.
-                self.keep_side_report();
-            }
-            Err(fault) => self.handle(fault, crew),
+        let pause = match result {
+            Ok(pause) => *pause,
+            Err(fault) => return self.handle(fault, crew),
+        };
+        let ended_ns = clock::now_ns();
+        self.strand.ran_ns += ended_ns - began_ns;
+        crew.ended_ns = ended_ns;
+        match pause {
+            Pause::Done => self.finish(self.strand.ran_ns, crew),
+            // The next callback on this thread would erase it.
+            Pause::Waits => self.keep_side_report(),
         }
     }
 

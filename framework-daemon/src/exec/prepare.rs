@@ -57,6 +57,7 @@ impl Crew {
     /// The fault that ended it.
     pub fn enter(&mut self, slot: &Slot, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
         let result = callback::enter(&mut self.fibers, slot.name, unit, call);
+        self.ended_ns = 0;
         self.look_after(unit);
         result
     }
@@ -103,6 +104,7 @@ impl Crew {
     /// # Errors
     /// The fault that the copy met.
     pub fn back_up(&mut self, slot: &Slot, unit: &mut Unit, checkpoint: &mut Checkpoint) -> Result<(), Fault> {
+        self.ended_ns = 0;
         let regions = std::mem::take(&mut unit.regions);
         let has_room = checkpoint.make_room(&regions);
         let copied = if has_room {

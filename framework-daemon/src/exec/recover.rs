@@ -105,6 +105,12 @@ impl Breath {
 impl Member {
     /// Answers a fault of this slot.
     pub fn handle(&mut self, fault: &Fault, crew: &mut Crew) {
+        self.answer(fault, crew);
+        // That took its time.
+        crew.ended_ns = 0;
+    }
+
+    fn answer(&mut self, fault: &Fault, crew: &mut Crew) {
         // Where something else than the callback failed, it may be waiting.
         self.end_wait(crew);
         Status::count(&self.slot.status.faults);

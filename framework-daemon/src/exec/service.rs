@@ -8,7 +8,6 @@ use super::slot::Slot;
 use super::strand::Job;
 use crate::port::pattern::provider::Openness;
 use crate::sys::bell::Ring;
-use crate::sys::clock;
 
 impl Member {
     /// Enters the handler of a request, if one waits.
@@ -17,7 +16,7 @@ impl Member {
             return;
         }
         let Some(serve) = self.slot.providers.iter().find_map(|port| port.next()) else { return };
-        let now_ns = clock::now_ns();
+        let now_ns = crew.now_ns();
         let result = self.undertake(Job::Serve, Call { serve, ..Call::at(Hook::Serve, now_ns) }, crew);
         self.after(&result, now_ns, crew);
     }

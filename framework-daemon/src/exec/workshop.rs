@@ -268,7 +268,7 @@ struct Worker {
 
 impl Worker {
     fn new(orders: Arc<Orders>, faults: FaultSender) -> Self {
-        let crew = Crew { fibers: FiberPool::default(), faults, lost: false };
+        let crew = Crew { fibers: FiberPool::default(), faults, lost: false, ended_ns: 0 };
         Self { orders, crew, resting: Vec::new() }
     }
 

@@ -314,8 +314,8 @@ pub(super) fn begin_wait(until_ns: u64) -> Option<&'static Yielder<(), ()>> {
     let waits = |armed: &&Armed| {
         armed.wait.allowed.get()
             && armed.pulse.is_beating()
+            // No thread that only shares the thread-locals has its stack there.
             && armed.handler.stack_ptr_in_bounds(here)
-            && !armed.is_stray()
             && !handlers::is_here()
     };
     let armed = armed().filter(waits)?;

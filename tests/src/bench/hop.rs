@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use super::limits;
 use super::stats::Samples;
 use super::wire::{Bench, on};
+use crate::profiles::connection_of;
 
 /// Rounds of system and limit, in turns.
 const ROUNDS: usize = 5;
@@ -63,6 +64,27 @@ pub fn cross(payload: Payload, sched: &str, run: Duration) -> (Samples, Samples)
     ];
     let wakes = || limits::wake(5_000);
     in_turns(run, || ring(sched, &slots), wakes)
+}
+
+/// Nanoseconds of a question and its answer, waited for, between two slots of one executor, as the mean of many, and an indirect
+/// call with a copy of 64 bytes.
+#[must_use]
+pub fn query_same(sched: &str, run: Duration) -> (Samples, Samples) {
+    in_turns(run, || asking(sched, "one", "500"), copies)
+}
+
+/// Nanoseconds of a question and its answer, waited for, between two executors, and of two bare futex wakes, one after the
+/// other, between two threads.
+#[must_use]
+pub fn query_cross(sched: &str, run: Duration) -> (Samples, Samples) {
+    let two_wakes = || limits::wake(10_000).chunks_exact(2).map(|pair| pair.iter().sum()).collect();
+    in_turns(run, || asking(sched, "other", "1"), two_wakes)
+}
+
+fn asking(sched: &str, executor: &str, batch: &str) -> Bench {
+    let slots =
+        [on("one", "caller", "Caller", &[("batch", "int", batch), FILE]), on(executor, "callee", "Callee", &[])];
+    Bench::start(sched, &slots, &[&connection_of("service", "caller.ask -> callee.asked", "")])
 }
 
 fn ring(sched: &str, slots: &[String]) -> Bench {

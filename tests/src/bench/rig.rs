@@ -122,8 +122,12 @@ pub fn measure(profiles: &Profiles, policy: &str, inject: u8, faults: usize, lim
     let workshop = Arc::new(workshop);
     let kept = Arc::clone(&workshop);
     let body = move || {
-        let mut rig =
-            Rig { member, events, crew: Crew { fibers: FiberPool::default(), faults: sender, lost: false }, workshop };
+        let mut rig = Rig {
+            member,
+            events,
+            crew: Crew { fibers: FiberPool::default(), faults: sender, lost: false, ended_ns: 0 },
+            workshop,
+        };
         let _ = send.send(rig.run(inject, faults, limit));
         rig.member.destroy(&mut rig.crew);
     };

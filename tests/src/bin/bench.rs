@@ -38,10 +38,12 @@ struct Arguments {
     from: Option<PathBuf>,
 }
 
-const NAMES: [&str; 9] = [
+const NAMES: [&str; 11] = [
     "guard_cost",
     "hop_same_executor",
     "hop_cross_executor",
+    "query_same_executor",
+    "query_cross_executor",
     "fan_out",
     "rewire",
     "trap_recovery",
@@ -125,6 +127,8 @@ impl Run {
         for payload in [hop::Payload::Small, hop::Payload::Large] {
             self.hop("hop_cross_executor", payload.name(), load, sched, || hop::cross(payload, sched, RUN))?;
         }
+        self.hop("query_same_executor", "64 B", load, sched, || hop::query_same(sched, RUN))?;
+        self.hop("query_cross_executor", "64 B", load, sched, || hop::query_cross(sched, RUN))?;
         for (payload, executor) in [("its executor", "one"), ("another one", "other")] {
             self.hop("fan_out", payload, load, sched, || hop::fan_out(executor, sched, RUN))?;
         }

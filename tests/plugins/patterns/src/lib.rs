@@ -233,4 +233,66 @@ pub struct Idler {}
 
 impl Callbacks for Idler {}
 
-export_components!(HopSmall, HopLarge, Caster, Ear, Idler);
+/// Asks and waits, again and again.
+#[derive(Component)]
+#[component(version = "1.0", periodic = "1ms")]
+pub struct Caller {
+    #[port]
+    ask: QueryClient<Small, Small>,
+    /// Questions between two readings of the clock.
+    #[property(default = 1, range = 1..=1000000)]
+    batch: u64,
+    /// Where the figures go; empty: none are kept.
+    #[property(default = "")]
+    file: String,
+    figures: Figures,
+    rounds: u64,
+}
+
+impl Callbacks for Caller {
+    fn start(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.figures.make_room(&self.file);
+        Ok(())
+    }
+
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        let began = cx.clock();
+        for _ in 0..self.batch {
+            let number = self.rounds;
+            let answer = self.ask.query(Small { number, ..Small::default() })?;
+            if answer.number != number + 1 {
+                return Err(fault!("asked {number}, answered {}", answer.number));
+            }
+            self.rounds += 1;
+        }
+        let took = cx.clock().since(began).as_nanos() as u64;
+        if self.rounds > WARM_ROUNDS {
+            self.figures.add(took / self.batch);
+        }
+        Ok(())
+    }
+
+    fn stop(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.figures.write(&self.file)
+    }
+}
+
+/// Answers with the next number.
+#[derive(Component)]
+#[component(version = "1.0", passive)]
+pub struct Callee {
+    #[port(handler = on_ask)]
+    asked: QueryServer<Small, Small>,
+}
+
+impl Callbacks for Callee {}
+
+impl Callee {
+    fn on_ask(&mut self, _: &mut Context<'_>, query: Query<'_, Small, Small>) -> Outcome {
+        let number = query.number + 1;
+        query.answer(Small { number, ..Small::default() })?;
+        Ok(())
+    }
+}
+
+export_components!(HopSmall, HopLarge, Caster, Ear, Idler, Caller, Callee);

@@ -175,6 +175,8 @@ impl Member {
 
     /// The next try waits, longer each time.
     fn breathe(&mut self, fault: &Fault, climb: Climb) {
+        // Nobody is to wait for an instance that is gone as long as that takes.
+        service::change_hands(&self.slot);
         let doublings = (climb.failures - BREATHLESS_FAILURES).min(16) as u32 - 1;
         let pause = BREATH_MIN.saturating_mul(1 << doublings).min(BREATH_MAX);
         let until_ns = clock::now_ns() + nanoseconds(pause);

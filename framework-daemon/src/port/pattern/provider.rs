@@ -1,6 +1,6 @@
 //! The server's end of queries: a bounded inbox that any client fills, and the calls that its instance has in hand.
 //!
-//! All but [`Provider::admit`] and [`Provider::replace`] belongs to the thread of the slot's executor.
+//! All but `admit` and `replace` belongs to the thread of the slot's executor.
 
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};

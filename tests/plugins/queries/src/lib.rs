@@ -13,7 +13,7 @@ pub use teller::{Echo, OtherEcho, Teller};
 #[repr(C)]
 #[derive(CommObject, Clone, Debug, Default, PartialEq)]
 pub struct Ask {
-    /// One of the constants of [`todo`].
+    /// One of the constants of [`mod@todo`].
     pub todo: u32,
     /// What it is about.
     pub number: u64,

@@ -2,7 +2,7 @@
 //! both sides are lent in turn. Nothing is copied on the way.
 //!
 //! A call is known by a number on each side. A number that is stale, forged or of another port is answered
-//! [`Status::WrongId`], an instance that was replaced finds its ports [`Status::Closed`].
+//! `Status::WrongId`, an instance that was replaced finds its ports `Status::Closed`.
 #![allow(unsafe_code, reason = "address of unsafe: typed access to the blocks of a call")]
 
 use std::marker::PhantomData;

@@ -1,6 +1,6 @@
 //! Readers that are wired while a system runs, and what a reload makes of it.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use framework_daemon::port::wiring::{Cause, Name, connect, disconnect};
@@ -14,6 +14,13 @@ use tests::profiles::{Profiles, application, plugin_dir, slot};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 const OUT: Name<'static> = Name { slot: "ticker", port: "out" };
+
+/// Names are those of the system that runs in this process: one at a time.
+static ALONE: Mutex<()> = Mutex::new(());
+
+fn alone() -> MutexGuard<'static, ()> {
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 fn heard(slot: &str) -> Name<'_> {
     Name { slot, port: "heard" }
@@ -69,6 +76,7 @@ fn running(application: &str) -> (Profiles, System) {
 
 #[test]
 fn a_reader_is_wired_while_all_runs_and_others_notice_nothing() {
+    let _alone = alone();
     let (_profiles, system) = running(&app(&[], &["ticker.out -> one.heard"]));
     connect(&system.registry, OUT, heard("two")).unwrap();
     assert!(hears(&system, "two") && hears(&system, "one"));
@@ -89,6 +97,7 @@ fn a_reader_is_wired_while_all_runs_and_others_notice_nothing() {
 
 #[test]
 fn a_reload_wires_what_plans_speak_of_and_leaves_the_rest() {
+    let _alone = alone();
     let (profiles, mut system) = running(&app(&[], &["ticker.out -> one.heard"]));
     connect(&system.registry, OUT, heard("two")).unwrap();
     let more = [slot("diary", "Diary", "")];

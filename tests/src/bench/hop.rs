@@ -70,7 +70,7 @@ pub fn cross(payload: Payload, sched: &str, run: Duration) -> (Samples, Samples)
 /// call with a copy of 64 bytes.
 #[must_use]
 pub fn query_same(sched: &str, run: Duration) -> (Samples, Samples) {
-    in_turns(run, || asking(sched, "one", "500"), copies)
+    in_turns(run, || asking(sched, "one", "false"), copies)
 }
 
 /// Nanoseconds of a question and its answer, waited for, between two executors, and of two bare futex wakes, one after the
@@ -78,13 +78,14 @@ pub fn query_same(sched: &str, run: Duration) -> (Samples, Samples) {
 #[must_use]
 pub fn query_cross(sched: &str, run: Duration) -> (Samples, Samples) {
     let two_wakes = || limits::wake(10_000).chunks_exact(2).map(|pair| pair.iter().sum()).collect();
-    in_turns(run, || asking(sched, "other", "1"), two_wakes)
+    in_turns(run, || asking(sched, "other", "true"), two_wakes)
 }
 
-fn asking(sched: &str, executor: &str, batch: &str) -> Bench {
-    let slots =
-        [on("one", "caller", "Caller", &[("batch", "int", batch), FILE]), on(executor, "callee", "Callee", &[])];
-    Bench::start(sched, &slots, &[&connection_of("service", "caller.ask -> callee.asked", "")])
+fn asking(sched: &str, executor: &str, single: &str) -> Bench {
+    // The server is started first, so that it is stopped last.
+    let callee = on(executor, "callee", "Callee", &[]);
+    let caller = on("one", "caller", "Caller", &[("batch", "int", BATCH), ("single", "bool", single), FILE]);
+    Bench::start(sched, &[callee, caller], &[&connection_of("service", "caller.ask -> callee.asked", "")])
 }
 
 fn ring(sched: &str, slots: &[String]) -> Bench {

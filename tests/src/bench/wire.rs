@@ -68,11 +68,12 @@ impl Bench {
     /// Lets it run for that long, stops it, and adds what it measured.
     ///
     /// # Panics
-    /// When it did not write its figures.
+    /// When it did not write its figures, or there are none.
     pub fn finish(mut self, run: Duration, into: &mut Samples) {
         std::thread::sleep(run);
         self.system.take().into_iter().for_each(shutdown);
         let text = std::fs::read_to_string(self.profiles.path().join("figures")).expect("figures were written");
+        assert!(!text.is_empty(), "it ran long enough to measure something");
         text.lines().filter_map(|line| line.parse().ok()).for_each(|figure| into.add(figure));
     }
 }

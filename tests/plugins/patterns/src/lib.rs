@@ -239,9 +239,12 @@ impl Callbacks for Idler {}
 pub struct Caller {
     #[port]
     ask: QueryClient<Small, Small>,
-    /// Questions between two readings of the clock.
+    /// Questions in one callback.
     #[property(default = 1, range = 1..=1000000)]
     batch: u64,
+    /// The clock is read for each.
+    #[property(default = false)]
+    single: bool,
     /// Where the figures go; empty: none are kept.
     #[property(default = "")]
     file: String,
@@ -256,18 +259,21 @@ impl Callbacks for Caller {
     }
 
     fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
-        let began = cx.clock();
-        for _ in 0..self.batch {
-            let number = self.rounds;
-            let answer = self.ask.query(Small { number, ..Small::default() })?;
-            if answer.number != number + 1 {
-                return Err(fault!("asked {number}, answered {}", answer.number));
+        let (calls, questions) = if self.single { (self.batch, 1) } else { (1, self.batch) };
+        for _ in 0..calls {
+            let began = cx.clock();
+            for _ in 0..questions {
+                let number = self.rounds;
+                let answer = self.ask.query(Small { number, ..Small::default() })?;
+                if answer.number != number + 1 {
+                    return Err(fault!("asked {number}, answered {}", answer.number));
+                }
+                self.rounds += 1;
             }
-            self.rounds += 1;
-        }
-        let took = cx.clock().since(began).as_nanos() as u64;
-        if self.rounds > WARM_ROUNDS {
-            self.figures.add(took / self.batch);
+            let took = cx.clock().since(began).as_nanos() as u64;
+            if self.rounds > WARM_ROUNDS {
+                self.figures.add(took / questions);
+            }
         }
         Ok(())
     }

@@ -93,7 +93,7 @@ impl<'a> Context<'a> {
 
     /// Waits, at most a week: the callback, not its thread. The executor runs other components meanwhile, and no other
     /// callback of this one. False: the wait was ended before its time, because the component is to stop, or it may not
-    /// wait here: only `on_execute` may.
+    /// wait here: only `on_execute` and the handlers of requests may.
     ///
     /// The time does not count towards the callback's deadline, and each stretch between two waits has the whole of it.
     #[must_use = "a wait that was ended asks the callback to come to its end"]

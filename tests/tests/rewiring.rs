@@ -3,7 +3,8 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use framework_daemon::port::wiring::{Cause, Name, connect, disconnect};
+use component_sdk::status::Status;
+use framework_daemon::port::wiring::{Name, connect, disconnect};
 use framework_daemon::profile::load;
 use framework_daemon::supervise::boot::boot;
 use framework_daemon::supervise::reload::reload;
@@ -87,7 +88,7 @@ fn a_reader_is_wired_while_all_runs_and_others_notice_nothing() {
     connect(&system.registry, heard("three"), OUT).unwrap();
     assert!(hears(&system, "three"));
     let refusal = connect(&system.registry, OUT, heard("four")).unwrap_err();
-    assert_eq!(refusal.cause, Cause::ServiceUnavailable);
+    assert_eq!(refusal.cause, Status::ServiceUnavailable);
     disconnect(&system.registry, OUT).unwrap();
     let before = ["one", "two", "three"].map(|slot| received(&system, slot));
     std::thread::sleep(Duration::from_millis(50));
@@ -116,6 +117,6 @@ fn a_reload_wires_what_plans_speak_of_and_leaves_the_rest() {
     let ticker = slot("ticker", "Downer", "");
     change(&mut system, &profiles, &application(&[&[ticker], &without[..]].concat(), &["ticker.out -> three.heard"]));
     assert!(hears(&system, "three"));
-    assert_eq!(connect(&system.registry, heard("two"), OUT).unwrap_err().cause, Cause::UnknownComponent);
+    assert_eq!(connect(&system.registry, heard("two"), OUT).unwrap_err().cause, Status::UnknownComponent);
     shutdown(system);
 }

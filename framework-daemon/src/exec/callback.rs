@@ -47,13 +47,20 @@ impl Call<'_> {
     }
 }
 
+impl<'a> Call<'a> {
+    /// As it crosses the border, with the time.
+    fn args(&self) -> CallArgs<'a> {
+        let now_ns = if self.now_ns == 0 { clock::now_ns() } else { self.now_ns };
+        CallArgs { hook: self.hook, inject: self.inject, now_ns, fault: self.fault, serve: self.serve }
+    }
+}
+
 /// Enters a callback of `unit`.
 ///
 /// # Errors
 /// The fault that ended it.
 pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
-    let now_ns = if call.now_ns == 0 { clock::now_ns() } else { call.now_ns };
-    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault, serve: ServeArgs::NONE };
+    let args = call.args();
     let deadline_ns = args.now_ns.saturating_add(unit.limits.of(call.hook));
     let instance = &mut unit.instance;
     let mut status = CallStatus::Done;
@@ -80,15 +87,14 @@ pub fn begin(
     strand: &mut Strand,
     call: Call<'static>,
 ) -> Result<Pause, Fault> {
-    let now_ns = if call.now_ns == 0 { clock::now_ns() } else { call.now_ns };
-    let args = CallArgs { hook: call.hook, inject: call.inject, now_ns, fault: call.fault, serve: call.serve };
-    let deadline_ns = now_ns.saturating_add(unit.limits.of(call.hook));
+    let args = call.args();
+    let deadline_ns = args.now_ns.saturating_add(unit.limits.of(call.hook));
     let may_wait = strand::may_wait(call.hook);
     let frame = strand.frame(unit.instance.entry(), args, unit.limits);
     take_seat(Owner { slot, instance: unit.number });
     match fibers.begin(unit.limits.stack_bytes, deadline_ns, may_wait, frame) {
         Ok(progress) => settle(fibers, unit, strand, progress),
-        Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
+        Err(error) => Err(no_stack(&error)),
     }
 }
 
@@ -101,11 +107,12 @@ pub fn go_on(
     slot: &'static str,
     unit: &mut Unit,
     strand: &mut Strand,
+    now_ns: u64,
     may_wait: bool,
 ) -> Result<Pause, Fault> {
     let Some(ticket) = strand.take_ticket() else { return Ok(Pause::Done) };
     take_seat(Owner { slot, instance: unit.number });
-    let deadline_ns = clock::now_ns().saturating_add(unit.limits.hang_ns);
+    let deadline_ns = now_ns.saturating_add(unit.limits.hang_ns);
     match fibers.go_on(ticket, deadline_ns, may_wait) {
         Some(progress) => settle(fibers, unit, strand, progress),
         None => Ok(Pause::Done),
@@ -121,10 +128,7 @@ fn settle(fibers: &FiberPool, unit: &mut Unit, strand: &mut Strand, progress: Pr
         Progress::Trapped(errand) => {
             let _ = strand.put_back(errand);
             unit.spent = true;
-            match fibers.trap() {
-                Some(trap) => Err(trapped(trap)),
-                None => Err(told(Symptom::CrashSegv, "")),
-            }
+            Err(last_trap(fibers))
         }
         Progress::Waits(ticket, until_ns) => {
             strand.wait(ticket, until_ns);
@@ -226,12 +230,8 @@ fn guarded(
     take_seat(owner);
     match fibers.run(stack_bytes, deadline_ns, closure) {
         Ok(Ended::Returned) => Ok(()),
-        Ok(Ended::Trapped) => match fibers.trap() {
-            Some(trap) => Err(trapped(trap)),
-            None => Err(told(Symptom::CrashSegv, "")),
-        },
-        Ok(Ended::Waits) => Ok(()),
-        Err(error) => Err(told(Symptom::Error, &format!("no stack for its fiber: {error}"))),
+        Ok(Ended::Trapped) => Err(last_trap(fibers)),
+        Err(error) => Err(no_stack(&error)),
     }
 }
 
@@ -244,7 +244,19 @@ fn take_seat(owner: Owner) {
     }
 }
 
-/// Built where it is to lie: a fault is large.
+fn no_stack(error: &std::io::Error) -> Fault {
+    told(Symptom::Error, &format!("no stack for its fiber: {error}"))
+}
+
+/// The fault of the fiber that trapped just now. Built where it is to lie: a fault is large.
+#[inline(always)]
+fn last_trap(fibers: &FiberPool) -> Fault {
+    match fibers.trap() {
+        Some(trap) => trapped(trap),
+        None => told(Symptom::CrashSegv, ""),
+    }
+}
+
 #[inline(always)]
 fn trapped(trap: &Trap) -> Fault {
     // Whatever the callback had told before it trapped is not the reason.

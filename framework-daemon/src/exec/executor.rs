@@ -18,7 +18,6 @@ use crate::model::schedule::Schedule;
 use crate::model::time::nanoseconds;
 use crate::profile::plan::Trigger;
 use crate::sys::bell::{Bell, Ring};
-use crate::sys::fiber_pool::FiberPool;
 use crate::sys::foreign::Report;
 use crate::sys::{arch, carrier, clock, watchdog};
 
@@ -184,7 +183,7 @@ struct Run {
 
 impl Run {
     fn new(bell: Arc<Bell>, inbox: Receiver<Command>, faults: FaultSender) -> Self {
-        let crew = Crew { fibers: FiberPool::default(), faults, lost: false, ended_ns: 0 };
+        let crew = Crew::new(faults);
         Self { bell, inbox, crew, members: Vec::new(), order: Vec::new(), ran: Vec::new() }
     }
 
@@ -339,7 +338,7 @@ impl Run {
         let Some(Some(member)) = self.members.get_mut(number) else { return };
         let rings = member.signal.take();
         if member.strand.waits() {
-            member.strand.held = member.strand.held.and(rings.without(Ring::Wait));
+            member.strand.hold(rings.without(Ring::Wait));
             if rings.has(Ring::Wait) {
                 self.go_on(number);
             }
@@ -352,7 +351,7 @@ impl Run {
         let Some(Some(member)) = self.members.get_mut(number) else { return };
         if rings.has(Ring::Data) && member.trigger == Trigger::Nonperiodic {
             if member.strand.waits() {
-                member.strand.hold(Ring::Data);
+                member.strand.hold(Ring::Data.into());
             } else {
                 self.execute(number);
             }
@@ -381,7 +380,7 @@ impl Run {
         if member.strand.waits() {
             return;
         }
-        member.signal.ring_again(std::mem::take(&mut member.strand.held));
+        member.let_in();
         if member.strand.job != Job::Serve && !self.ran.contains(&number) {
             self.ran.push(number);
         }

@@ -38,6 +38,12 @@ pub struct Crew {
 }
 
 impl Crew {
+    /// Of the executor whose thread calls it.
+    #[must_use]
+    pub fn new(faults: FaultSender) -> Self {
+        Self { fibers: FiberPool::default(), faults, lost: false, ended_ns: 0 }
+    }
+
     /// When a callback that follows the last one at once begins.
     #[must_use]
     pub fn now_ns(&mut self) -> u64 {
@@ -229,7 +235,7 @@ impl Member {
     /// Goes on with the callback that waits.
     pub fn go_on(&mut self, crew: &mut Crew) {
         let now_ns = crew.now_ns();
-        let result = self.resume(true, crew);
+        let result = self.resume(now_ns, true, crew);
         self.after(&result, now_ns, crew);
     }
 
@@ -243,9 +249,9 @@ impl Member {
         crew.begin(&self.slot, unit, &mut self.strand, call)
     }
 
-    fn resume(&mut self, may_wait: bool, crew: &mut Crew) -> Result<Pause, Fault> {
+    fn resume(&mut self, now_ns: u64, may_wait: bool, crew: &mut Crew) -> Result<Pause, Fault> {
         let Some(unit) = self.unit.as_mut() else { return Ok(Pause::Done) };
-        crew.go_on(&self.slot, unit, &mut self.strand, may_wait)
+        crew.go_on(&self.slot, unit, &mut self.strand, now_ns, may_wait)
     }
 
     /// What follows a stretch of a callback that may wait.
@@ -286,11 +292,17 @@ impl Member {
         }
         if self.unit.as_ref().is_none_or(|unit| unit.spent) {
             self.strand.take_ticket().into_iter().for_each(|ticket| crew.fibers.abandon(ticket));
-        } else if let Err(fault) = self.resume(false, crew) {
+        } else if let Err(fault) = self.resume(clock::now_ns(), false, crew) {
             self.note(&fault, crew);
         } else {
             self.note_side_report(crew);
         }
+        self.let_in();
+    }
+
+    /// It waits no longer: what was rung for meanwhile is looked at.
+    pub(super) fn let_in(&mut self) {
+        self.signal.ring_again(self.strand.release());
     }
 
     fn queued(&self) -> usize {

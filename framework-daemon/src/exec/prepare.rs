@@ -82,8 +82,15 @@ impl Crew {
     ///
     /// # Errors
     /// The fault that ended it.
-    pub fn go_on(&mut self, slot: &Slot, unit: &mut Unit, strand: &mut Strand, may_wait: bool) -> Result<Pause, Fault> {
-        let result = callback::go_on(&mut self.fibers, slot.name, unit, strand, may_wait);
+    pub fn go_on(
+        &mut self,
+        slot: &Slot,
+        unit: &mut Unit,
+        strand: &mut Strand,
+        now_ns: u64,
+        may_wait: bool,
+    ) -> Result<Pause, Fault> {
+        let result = callback::go_on(&mut self.fibers, slot.name, unit, strand, now_ns, may_wait);
         self.look_after(unit);
         result
     }

@@ -13,7 +13,7 @@ use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
 use super::unit::Limits;
 use crate::plugin::instance::Entry;
-use crate::sys::bell::{Ring, Rings};
+use crate::sys::bell::Rings;
 use crate::sys::fiber::Errand;
 use crate::sys::fiber_pool::Ticket;
 use crate::sys::{clock, trap};
@@ -62,7 +62,7 @@ pub struct Strand {
     /// How long it ran so far, waits left out, in nanoseconds.
     pub ran_ns: u64,
     /// What was rung for meanwhile.
-    pub held: Rings,
+    held: Rings,
     /// Kept between callbacks, so that none allocates.
     frame: Option<Box<Frame>>,
     waiting: Option<(Ticket, u64)>,
@@ -87,8 +87,14 @@ impl Strand {
     }
 
     /// Something is to be looked at when it is done.
-    pub fn hold(&mut self, why: Ring) {
-        self.held = self.held.and(why.into());
+    pub fn hold(&mut self, rings: Rings) {
+        self.held = self.held.and(rings);
+    }
+
+    /// What is to be looked at now.
+    #[must_use]
+    pub fn release(&mut self) -> Rings {
+        std::mem::take(&mut self.held)
     }
 
     pub(super) fn wait(&mut self, ticket: Ticket, until_ns: u64) {
@@ -143,9 +149,11 @@ impl Frame {
             _ => return false,
         };
         // `start` has seconds: whether `recover` took microseconds or all that it may is nothing to it.
-        let (now_ns, begins_ns) = match hook {
-            Hook::Start => (0, self.args.now_ns.saturating_add(self.limits.of(self.args.hook))),
-            _ => [clock::now_ns(); 2].into(),
+        let (now_ns, begins_ns) = if hook == Hook::Start {
+            (0, self.args.now_ns.saturating_add(self.limits.of(self.args.hook)))
+        } else {
+            let now_ns = clock::now_ns();
+            (now_ns, now_ns)
         };
         self.args = CallArgs { hook, inject: 0, now_ns, fault: FaultArgs::NONE, serve: ServeArgs::NONE };
         trap::rearm(begins_ns.saturating_add(self.limits.of(hook)), may_wait(hook));

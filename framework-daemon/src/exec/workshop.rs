@@ -25,7 +25,6 @@ use crate::model::limits::{CLEARED_UNITS, SHUTDOWN_STEP, SLOTS, SPARE_PAUSE_MAX,
 use crate::model::schedule::Schedule;
 use crate::model::symptom::SeverityTable;
 use crate::model::time::nanoseconds;
-use crate::sys::fiber_pool::FiberPool;
 use crate::sys::wake::Waker;
 use crate::sys::{arch, carrier, clock, watchdog};
 
@@ -268,7 +267,7 @@ struct Worker {
 
 impl Worker {
     fn new(orders: Arc<Orders>, faults: FaultSender) -> Self {
-        let crew = Crew { fibers: FiberPool::default(), faults, lost: false, ended_ns: 0 };
+        let crew = Crew::new(faults);
         Self { orders, crew, resting: Vec::new() }
     }
 

@@ -10,6 +10,8 @@
 use std::fmt;
 use std::sync::{Arc, MutexGuard};
 
+use component_sdk::status::Status;
+
 use super::border::PortEnd;
 use super::check::Checks;
 use super::exchange::Busy;
@@ -35,41 +37,26 @@ impl fmt::Display for Name<'_> {
     }
 }
 
-/// Why a connection is refused. The numbers are those of the patterns' status codes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Cause {
-    /// Somebody else wires the same port all the time.
-    Error = 512,
-    /// Both are there and do not fit.
-    IncompatibleService = 12,
-    /// The other side is not there.
-    ServiceUnavailable = 15,
-    /// The slot of the port that is to be wired is not there.
-    UnknownComponent = 16,
-    /// Its slot has no such port.
-    UnknownPort = 14,
-}
-
 /// A connection that was not made or cut, in words that name both sides.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
 #[error("{}", reason.as_str())]
 pub struct Refusal {
-    /// What kind of reason.
-    pub cause: Cause,
+    /// What kind of reason: `Error` (somebody else wires the same port all the time), `IncompatibleService`,
+    /// `ServiceUnavailable` (the other side is not there), `UnknownComponent`, `UnknownPort`.
+    pub cause: Status,
     /// The reason.
     pub reason: ShortText,
 }
 
 impl Refusal {
-    fn new(cause: Cause, reason: fmt::Arguments<'_>) -> Self {
+    fn new(cause: Status, reason: fmt::Arguments<'_>) -> Self {
         Self { cause, reason: ShortText::of(reason) }
     }
 
     /// Number of the status that it stands for.
     #[must_use]
     pub const fn code(&self) -> u32 {
-        self.cause as u32
+        self.cause.code()
     }
 }
 
@@ -101,7 +88,7 @@ pub fn connect(registry: &Registry, one: Name<'_>, other: Name<'_>) -> Result<()
 fn ask(client: &Requestor, from: Name<'_>, server: &Arc<Provider>, to: Name<'_>) -> Result<(), Refusal> {
     client.connect(server, None).map_err(|difference| {
         Refusal::new(
-            Cause::IncompatibleService,
+            Status::IncompatibleService,
             format_args!(
                 "{from} asks {} for {}, {to} answers {} with {}, and their layouts differ: {difference}",
                 client.request.name, client.answer.name, server.request.name, server.answer.name
@@ -124,7 +111,7 @@ pub fn disconnect(registry: &Registry, name: Name<'_>) -> Result<(), Refusal> {
         }
         PortEnd::Provider(_) => {
             return Err(Refusal::new(
-                Cause::IncompatibleService,
+                Status::IncompatibleService,
                 format_args!("{name} is a server, which does not know its clients: disconnect them by their names"),
             ));
         }
@@ -136,9 +123,9 @@ fn find(registry: &Registry, name: Name<'_>) -> Result<PortEnd, Refusal> {
     let Name { slot, port } = name;
     registry.find(slot, port).map_err(|unknown| match unknown {
         Unknown::Slot => {
-            Refusal::new(Cause::UnknownComponent, format_args!("{name}: there is no slot {slot} with ports"))
+            Refusal::new(Status::UnknownComponent, format_args!("{name}: there is no slot {slot} with ports"))
         }
-        Unknown::Port => Refusal::new(Cause::UnknownPort, format_args!("{name}: slot {slot} has no port {port}")),
+        Unknown::Port => Refusal::new(Status::UnknownPort, format_args!("{name}: slot {slot} has no port {port}")),
         Unknown::Busy => busy(name),
     })
 }
@@ -146,9 +133,9 @@ fn find(registry: &Registry, name: Name<'_>) -> Result<PortEnd, Refusal> {
 /// The side that is connected to.
 fn find_other(registry: &Registry, one: Name<'_>, other: Name<'_>) -> Result<PortEnd, Refusal> {
     find(registry, other).map_err(|refusal| match refusal.cause {
-        Cause::Error => refusal,
+        Status::Error => refusal,
         _ => Refusal::new(
-            Cause::ServiceUnavailable,
+            Status::ServiceUnavailable,
             format_args!("{one} cannot be connected to {}", refusal.reason.as_str()),
         ),
     })
@@ -156,20 +143,20 @@ fn find_other(registry: &Registry, one: Name<'_>, other: Name<'_>) -> Result<Por
 
 fn same_way(one: Name<'_>, other: Name<'_>, what: &str, missing: &str) -> Refusal {
     Refusal::new(
-        Cause::IncompatibleService,
+        Status::IncompatibleService,
         format_args!("{one} and {other} cannot be connected: each is {what}, and none of them {missing}"),
     )
 }
 
 fn other_pattern(data: Name<'_>, service: Name<'_>) -> Refusal {
     Refusal::new(
-        Cause::IncompatibleService,
+        Status::IncompatibleService,
         format_args!("{data} and {service} cannot be connected: one is a data port, the other a service port"),
     )
 }
 
 fn busy(name: Name<'_>) -> Refusal {
-    Refusal::new(Cause::Error, format_args!("{name}: its connections are being changed all the time: try again"))
+    Refusal::new(Status::Error, format_args!("{name}: its connections are being changed all the time: try again"))
 }
 
 fn join(output: &Arc<OutPort>, from: Name<'_>, input: &Arc<InPort>, to: Name<'_>) -> Result<(), Refusal> {
@@ -177,7 +164,7 @@ fn join(output: &Arc<OutPort>, from: Name<'_>, input: &Arc<InPort>, to: Name<'_>
     cut(&mut sources, input).map_err(|Busy| busy(to))?;
     if let Some(difference) = output.object.difference(input.object) {
         return Err(Refusal::new(
-            Cause::IncompatibleService,
+            Status::IncompatibleService,
             format_args!(
                 "{from} carries {}, {to} expects {}, and their layouts differ: {difference}",
                 output.object.name, input.object.name
@@ -432,21 +419,21 @@ mod tests {
             (refusal.cause, refusal.to_string())
         };
         let (cause, text) = refused(into(0), into(1));
-        assert!(cause == Cause::IncompatibleService && text.contains("a.in") && text.contains("b.in"), "{text}");
+        assert!(cause == Status::IncompatibleService && text.contains("a.in") && text.contains("b.in"), "{text}");
         let (cause, text) = refused(out(0), out(1));
-        assert!(cause == Cause::IncompatibleService && text.contains("a.out") && text.contains("b.out"), "{text}");
+        assert!(cause == Status::IncompatibleService && text.contains("a.out") && text.contains("b.out"), "{text}");
         let (cause, text) = refused(d, out(1));
         assert!(
-            cause == Cause::IncompatibleService && text.contains("b.out carries uint64_t, d.in expects double"),
+            cause == Status::IncompatibleService && text.contains("b.out carries uint64_t, d.in expects double"),
             "{text}"
         );
         assert_eq!(write(&rig.outputs[1], 1u64), Sent::Unconnected);
         let nobody = Name { slot: "nobody", port: "in" };
         let (cause, text) = refused(out(0), nobody);
-        assert!(cause == Cause::ServiceUnavailable && text.contains("a.out") && text.contains("nobody.in"), "{text}");
-        assert_eq!(refused(nobody, out(0)).0, Cause::UnknownComponent);
+        assert!(cause == Status::ServiceUnavailable && text.contains("a.out") && text.contains("nobody.in"), "{text}");
+        assert_eq!(refused(nobody, out(0)).0, Status::UnknownComponent);
         let (cause, text) = refused(Name { slot: "a", port: "none" }, out(0));
-        assert!(cause == Cause::UnknownPort && text.contains("slot a has no port none"), "{text}");
+        assert!(cause == Status::UnknownPort && text.contains("slot a has no port none"), "{text}");
         assert_eq!(disconnect(&rig.registry, nobody).unwrap_err().code(), 16);
         disconnect(&rig.registry, into(2)).unwrap();
     }

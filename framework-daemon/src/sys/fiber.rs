@@ -55,16 +55,14 @@ pub struct Fiber {
     range: Range<usize>,
     pub(super) stack_bytes: usize,
     pub(super) state: State,
-    /// Until when it waits.
-    pub(super) until_ns: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum State {
     /// For the next closure.
     Idle,
-    /// In the middle of an errand.
-    Waiting,
+    /// In the middle of an errand, until that moment or until it is to go on before.
+    Waiting(u64),
     /// A trap ended it, or nobody will resume it.
     Spent,
 }
@@ -77,8 +75,6 @@ pub enum Ended {
     /// A trap ended it, and the fiber with it; [`Fiber::trap`] tells which. The thread may be another one than
     /// before.
     Trapped,
-    /// It waits: it was an errand.
-    Waits,
 }
 
 /// Whoever asked may not wait: it runs on a thread of its own, in a signal handler, or in a callback that must not wait.
@@ -141,7 +137,7 @@ impl Fiber {
         let pulse = Arc::clone(&lease.pulse);
         core.armed.get_or_init(|| Armed::new(coroutine.trap_handler(), low..high, pulse, lease.relay));
         let coroutine = ManuallyDrop::new(coroutine);
-        Ok(Self { coroutine, core, range, stack_bytes, state: State::Idle, until_ns: 0 })
+        Ok(Self { coroutine, core, range, stack_bytes, state: State::Idle })
     }
 
     /// Runs `closure` on the fiber until it returns or traps, or is ended because `deadline_ns` (on the monotonic clock) is
@@ -159,70 +155,57 @@ impl Fiber {
         // touches it later: it may not wait, so it asks for the next job, or it is spent.
         let mut borrow = unsafe { std::mem::transmute::<&mut dyn FnMut(), &'static mut dyn FnMut()>(closure) };
         self.core.job.set(&raw mut borrow);
-        self.resume(deadline_ns, false, false)
+        self.resume(deadline_ns, false);
+        if self.state == State::Idle { Ended::Returned } else { Ended::Trapped }
     }
 
-    /// Runs `errand` on the fiber until it returns, traps or waits, where it may. Otherwise as [`Self::run`].
+    /// Runs `errand` on the fiber until it returns, traps or waits, where it may: the fiber's state tells. Otherwise as
+    /// [`Self::run`].
     ///
     /// # Panics
     /// As [`Self::run`].
-    pub fn begin(&mut self, deadline_ns: u64, may_wait: bool, errand: Box<dyn Errand>) -> Ended {
+    pub(super) fn begin(&mut self, deadline_ns: u64, may_wait: bool, errand: Box<dyn Errand>) {
         assert!(self.state == State::Idle, "a fiber that trapped or waits takes no errand");
         // SAFETY: the fiber is idle: it does not touch it.
         unsafe { *self.core.errand.get() = Some(errand) };
         self.core.job.set(ERRAND);
-        self.go_on(deadline_ns, may_wait)
+        self.go_on(deadline_ns, may_wait);
     }
 
     /// Goes on with an errand that waits; where it may not wait any more, it comes to its end. Otherwise as
     /// [`Self::run`].
     #[inline(never)]
-    pub fn go_on(&mut self, deadline_ns: u64, may_wait: bool) -> Ended {
-        self.resume(deadline_ns, may_wait, true)
+    pub(super) fn go_on(&mut self, deadline_ns: u64, may_wait: bool) {
+        self.resume(deadline_ns, may_wait);
     }
 
     #[inline]
-    fn resume(&mut self, deadline_ns: u64, may_wait: bool, is_errand: bool) -> Ended {
+    fn resume(&mut self, deadline_ns: u64, may_wait: bool) {
         let armed = self.core.armed.get();
         armed.inspect(|armed| armed.arm(deadline_ns, may_wait));
         let result = self.coroutine.resume(());
         shield::end_copy();
         armed.inspect(|armed| armed.disarm());
         arch::restore_float_control();
-        if let CoroutineResult::Return(()) = result {
-            self.state = State::Spent;
-            return Ended::Trapped;
-        }
-        match armed.filter(|_| is_errand).and_then(Armed::take_wait) {
-            Some(until_ns) => {
-                (self.state, self.until_ns) = (State::Waiting, until_ns);
-                Ended::Waits
-            }
-            None => {
-                self.state = State::Idle;
-                Ended::Returned
-            }
-        }
+        self.state = match result {
+            CoroutineResult::Return(()) => State::Spent,
+            CoroutineResult::Yield(()) => armed.and_then(Armed::take_wait).map_or(State::Idle, State::Waiting),
+        };
     }
 
     /// The errand that it ran last, unless it waits.
-    pub fn take_errand(&mut self) -> Option<Box<dyn Errand>> {
-        if self.state == State::Waiting {
+    pub(super) fn take_errand(&mut self) -> Option<Box<dyn Errand>> {
+        if matches!(self.state, State::Waiting(_)) {
             return None;
         }
         // SAFETY: the fiber is idle or spent: it does not touch it.
         unsafe { (*self.core.errand.get()).take() }
     }
+
     /// The trap that ended it.
     #[must_use]
     pub fn trap(&self) -> Option<&Trap> {
         self.core.armed.get().and_then(Armed::trap)
-    }
-
-    /// False after a trap.
-    #[must_use]
-    pub fn is_usable(&self) -> bool {
-        self.state != State::Spent
     }
 }
 

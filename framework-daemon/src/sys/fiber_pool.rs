@@ -53,12 +53,8 @@ impl FiberPool {
     /// # Errors
     /// When a new fiber is needed and the system has no address space left.
     pub fn run(&mut self, stack_bytes: usize, deadline_ns: u64, closure: &mut dyn FnMut()) -> std::io::Result<Ended> {
-        let lease = &self.lease;
-        let shelf = shelf(&mut self.idle, stack_bytes);
-        if shelf.is_empty() {
-            shelf.push(Box::new(Fiber::leased(stack_bytes, lease)?));
-        }
-        // In its place on the shelf: fibers do not nest, and moving one costs as much as entering it.
+        let shelf = stocked(&mut self.idle, stack_bytes, &self.lease)?;
+        // In its place on the shelf: fibers do not nest.
         if shelf.last_mut().is_some_and(|fiber| fiber.run(deadline_ns, closure) == Ended::Returned) {
             return Ok(Ended::Returned);
         }
@@ -79,14 +75,11 @@ impl FiberPool {
         may_wait: bool,
         errand: Box<dyn Errand>,
     ) -> std::io::Result<Progress> {
-        let lease = &self.lease;
-        let shelf = shelf(&mut self.idle, stack_bytes);
-        if shelf.is_empty() {
-            shelf.push(Box::new(Fiber::leased(stack_bytes, lease)?));
-        }
+        let shelf = stocked(&mut self.idle, stack_bytes, &self.lease)?;
         let Some(fiber) = shelf.last_mut() else { return Err(std::io::ErrorKind::OutOfMemory.into()) };
         // In its place on the shelf, as long as it does not wait.
-        if fiber.begin(deadline_ns, may_wait, errand) == Ended::Returned
+        fiber.begin(deadline_ns, may_wait, errand);
+        if fiber.state == State::Idle
             && let Some(errand) = fiber.take_errand()
         {
             return Ok(Progress::Done(errand));
@@ -111,8 +104,7 @@ impl FiberPool {
 
     /// Puts a fiber that ran an errand to where it belongs now.
     fn sort(&mut self, mut fiber: Box<Fiber>) -> Option<Progress> {
-        if fiber.state == State::Waiting {
-            let until_ns = fiber.until_ns;
+        if let State::Waiting(until_ns) = fiber.state {
             let place = self.waiting.iter().position(Option::is_none).unwrap_or_else(|| {
                 self.waiting.push(None);
                 self.waiting.len() - 1
@@ -169,6 +161,15 @@ fn shelf(idle: &mut Vec<(usize, Shelf)>, stack_bytes: usize) -> &mut Shelf {
         idle.len() - 1
     });
     &mut idle[index].1
+}
+
+/// As [`shelf`], with a fiber on it at least.
+fn stocked<'a>(idle: &'a mut Vec<(usize, Shelf)>, stack_bytes: usize, lease: &Lease) -> std::io::Result<&'a mut Shelf> {
+    let shelf = shelf(idle, stack_bytes);
+    if shelf.is_empty() {
+        shelf.push(Box::new(Fiber::leased(stack_bytes, lease)?));
+    }
+    Ok(shelf)
 }
 
 /// Touches as much of a stack as a first callback may need, so that it need not wait for pages.

@@ -17,7 +17,6 @@ use framework_daemon::supervise::boot;
 use framework_daemon::supervise::catalogue::Catalogue;
 use framework_daemon::sys::bell::Bell;
 use framework_daemon::sys::carrier;
-use framework_daemon::sys::fiber_pool::FiberPool;
 use framework_daemon::sys::trap;
 use serde_json::{Value, json};
 
@@ -122,12 +121,7 @@ pub fn measure(profiles: &Profiles, policy: &str, inject: u8, faults: usize, lim
     let workshop = Arc::new(workshop);
     let kept = Arc::clone(&workshop);
     let body = move || {
-        let mut rig = Rig {
-            member,
-            events,
-            crew: Crew { fibers: FiberPool::default(), faults: sender, lost: false, ended_ns: 0 },
-            workshop,
-        };
+        let mut rig = Rig { member, events, crew: Crew::new(sender), workshop };
         let _ = send.send(rig.run(inject, faults, limit));
         rig.member.destroy(&mut rig.crew);
     };

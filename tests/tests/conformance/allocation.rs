@@ -12,7 +12,8 @@ use framework_daemon::supervise::shutdown::shutdown;
 use framework_daemon::sys::trap;
 use tests::profiles::plugin_dir;
 
-use crate::rig::{Transport, profiles};
+use crate::query::profiles;
+use crate::rig::Transport;
 
 struct Counting;
 

@@ -5,7 +5,8 @@ use std::process::Command;
 use tests::daemon_binary::daemon_binary;
 use tests::profiles::{Profiles, plugin_dir};
 
-use crate::rig::{Transport, profiles};
+use crate::query::profiles;
+use crate::rig::Transport;
 
 /// What `check` says.
 fn check(profiles: &Profiles) -> (bool, String) {

@@ -1,26 +1,49 @@
 //! Query: client, server, disconnection, blocking, handlers.
 
+use tests::profiles::{Profiles, application, connection_of, plugin_dir, slot};
 use tests::running::Running;
 
-use crate::rig::{Transport, conformance, profiles};
+use crate::rig::{Suite, Transport, conformance, declare_executors};
 
-conformance! {
-    query_returns_the_answer, query_cancelled_discards, query_not_connected, query_unanswered_token_is_error,
-    refused_query_gets_the_servers_status, request_gives_an_id, request_not_connected, request_table_full,
-    receive_answer_consumes, receive_not_yet, receive_unknown_id, receive_error_consumes,
-    receive_wait_answer_consumes, receive_wait_unknown_id, receive_wait_cancelled_keeps_id,
-    receive_wait_error_consumes, receive_wait_timeout_keeps_id, discard_invalidates, discard_unknown_id,
-    many_pending_any_order, default_deadline_ends_query, answer_later_from_another_callback, answer_ok,
-    active_handler_keeps_the_request, handler_may_query_itself_others, handler_may_wait,
-    component_blocking_reaches_every_requestor, three_gates_all_must_be_open, data_wins_over_the_gate, it_is_a_level, flags_not_counters, blocking_has_no_effect_on_request,
-    disconnect_before_the_answer_client, disconnect_before_the_answer_server, answer_then_disconnect_then_receive,
-    reconnect_does_not_revive_old_ids, cycle_of_two_is_answered, own_service_is_a_cycle, a_large_number_of_queries_loses_nothing,
-    handler_panic_is_contained_and_client_released, retry_asks_the_successor_once_each, server_crash_next_call,
-    queued_calls_survive_a_replacement, server_crash_releases_the_waiter, handler_hang_is_ended_and_client_released,
+const RULES: &str =
+    "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
+
+/// Asker, teller and a third one.
+pub(crate) fn profiles(transport: Transport, run: &str) -> Profiles {
+    let cases = format!("<properties><property name=\"run\" type=\"string\">{run}</property></properties>");
+    let slots = [
+        slot("asker", "Asker", &format!("{cases}{}", transport.place("left"))),
+        slot("teller", "Teller", &format!("{}{RULES}", transport.place("right"))),
+        slot("echo", "Echo", &transport.place("right")),
+    ];
+    let links = [
+        connection_of("service", "asker.tell -> teller.told", ""),
+        connection_of("service", "asker.again -> teller.told", "<on_gone>retry</on_gone>"),
+        connection_of("service", "asker.own -> asker.answers", ""),
+        connection_of("service", "teller.onward -> echo.told", ""),
+        connection_of("service", "teller.back -> asker.answers", ""),
+    ];
+    let text =
+        application(&slots, &[]).replace("</port_connections>", &format!("{}</port_connections>", links.concat()));
+    let profiles = Profiles::new(&text);
+    profiles.describe(&plugin_dir().join("libqueries.so"));
+    declare_executors(&profiles);
+    let asker = std::fs::read_to_string(profiles.path().join("Asker.xml")).expect("described");
+    // The second required port times out soon.
+    let (before, after) = asker.split_once("<name>again</name>").expect("the port is described");
+    let after = after.replacen("<timeout>1s</timeout>", "<timeout>100ms</timeout>", 1);
+    profiles.write("Asker.xml", &format!("{before}<name>again</name>{after}"));
+    let semantics = "<execution_semantics>";
+    profiles.replace("Teller.xml", semantics, &format!("{semantics}<deadline hang=\"100ms\">50ms</deadline>"));
+    profiles
 }
 
+static SUITE: Suite = Suite::new(|transport| profiles(transport, "all"));
+
+queries::query_cases!(conformance SUITE;);
+
 /// The asker waits for an answer that does not come.
-fn waiting(transport: Transport) -> (tests::profiles::Profiles, Running) {
+fn waiting(transport: Transport) -> (Profiles, Running) {
     let profiles = profiles(transport, "stay");
     let daemon = Running::start(profiles.path(), &[]);
     daemon.wait_for("waits");

@@ -2,35 +2,13 @@
 
 use std::time::Duration;
 
+use cases::{same, table, text};
 use component_sdk::component::Component as _;
 use component_sdk::prelude::*;
 
 use crate::{Ask, Asker, Told, todo};
 
-/// What went wrong.
-type Case = fn(&mut Asker, &mut Context<'_>) -> Result<(), String>;
-
-macro_rules! cases {
-    ($($name:ident),+ $(,)?) => {
-        /// By name, in the order in which they run: those that cost the teller its life come last.
-        pub(crate) const ALL: &[(&str, Case)] = &[$((stringify!($name), $name)),+];
-    };
-}
-
-cases! {
-    query_returns_the_answer, query_cancelled_discards, query_not_connected, query_unanswered_token_is_error,
-    refused_query_gets_the_servers_status, request_gives_an_id, request_not_connected, request_table_full,
-    receive_answer_consumes, receive_not_yet, receive_unknown_id, receive_error_consumes,
-    receive_wait_answer_consumes, receive_wait_unknown_id, receive_wait_cancelled_keeps_id,
-    receive_wait_error_consumes, receive_wait_timeout_keeps_id, discard_invalidates, discard_unknown_id,
-    many_pending_any_order, default_deadline_ends_query, answer_later_from_another_callback, answer_ok,
-    active_handler_keeps_the_request, handler_may_query_itself_others, handler_may_wait,
-    component_blocking_reaches_every_requestor, three_gates_all_must_be_open, data_wins_over_the_gate, it_is_a_level, flags_not_counters, blocking_has_no_effect_on_request,
-    disconnect_before_the_answer_client, disconnect_before_the_answer_server, answer_then_disconnect_then_receive,
-    reconnect_does_not_revive_old_ids, cycle_of_two_is_answered, own_service_is_a_cycle, a_large_number_of_queries_loses_nothing,
-    handler_panic_is_contained_and_client_released, retry_asks_the_successor_once_each, server_crash_next_call,
-    queued_calls_survive_a_replacement, server_crash_releases_the_waiter, handler_hang_is_ended_and_client_released,
-}
+crate::query_cases!(table Asker;);
 
 const SHORT: Duration = Duration::from_millis(30);
 
@@ -38,17 +16,8 @@ fn ask(todo: u32, number: u64) -> Ask {
     Ask { todo, number }
 }
 
-#[allow(clippy::needless_pass_by_value, reason = "what is compared is made for it")]
-fn same<T: PartialEq + std::fmt::Debug>(found: T, wanted: T) -> Result<(), String> {
-    if found == wanted { Ok(()) } else { Err(format!("{found:?} instead of {wanted:?}")) }
-}
-
 fn number(told: Result<component_sdk::port::Reply<'_, Told>, Status>) -> Result<u64, Status> {
     told.map(|told| told.number)
-}
-
-fn text<T>(result: Result<T, Status>) -> Result<T, String> {
-    result.map_err(|status| format!("{status:?}"))
 }
 
 /// Has the teller answer what it keeps; how many there were.

@@ -55,11 +55,11 @@ extern "C" fn send(handle: PortHandle, id: u64) -> u32 {
 }
 
 extern "C" fn ask(handle: PortHandle, id: u64, time: Wait) -> Lent {
-    lent(client(handle, |port| Ok(port.ask(id, time, wait::park))))
+    lent(client(handle, |port| Ok(port.ask(id, time, &wait::park))))
 }
 
 extern "C" fn receive(handle: PortHandle, id: u64, time: Wait) -> Lent {
-    lent(client(handle, |port| Ok(port.receive(id, time, wait::park))))
+    lent(client(handle, |port| Ok(port.receive(id, time, &wait::park))))
 }
 
 extern "C" fn release(handle: PortHandle, id: u64) {

@@ -7,8 +7,32 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use crossbeam_queue::SegQueue;
 
 use crate::model::limits::WAITERS;
+use crate::sys::clock;
 
 pub use crate::sys::fiber::{NotHere, park};
+
+/// Where a wait takes place: what the time is there, and how whoever waits lets others run. Every function like [`park`]
+/// is one, with the monotonic clock; a simulation brings a time of its own.
+pub trait Place {
+    /// Now, in nanoseconds.
+    fn now_ns(&self) -> u64;
+
+    /// As [`park`].
+    ///
+    /// # Errors
+    /// Where nobody may wait.
+    fn park(&self, until_ns: u64) -> Result<(), NotHere>;
+}
+
+impl<F: Fn(u64) -> Result<(), NotHere>> Place for F {
+    fn now_ns(&self) -> u64 {
+        clock::now_ns()
+    }
+
+    fn park(&self, until_ns: u64) -> Result<(), NotHere> {
+        self(until_ns)
+    }
+}
 
 /// By number: the number that it waits for; 0: none. Number 0 is nobody's.
 static WAITS: [AtomicU32; WAITERS] = [const { AtomicU32::new(0) }; WAITERS];

@@ -12,7 +12,7 @@ use proptest::prelude::*;
 
 use super::provider::{Openness, Provider};
 use super::requestor::{Requestor, Room};
-use crate::port::wait::{NotHere, Waiter};
+use crate::port::wait::{NotHere, Place, Waiter};
 use crate::sys::clock;
 
 const PENDING: usize = 3;
@@ -48,7 +48,7 @@ fn never(_: u64) -> Result<(), NotHere> {
     panic!("nobody is to wait here")
 }
 
-fn receive(client: &Requestor, id: u64, wait: Wait, park: impl Fn(u64) -> Result<(), NotHere>) -> Result<u64, Status> {
+fn receive(client: &Requestor, id: u64, wait: Wait, park: &impl Place) -> Result<u64, Status> {
     let lent = client.receive(id, wait, park);
     if lent.status != 0 {
         return Err(Status::from_code(lent.status));
@@ -79,11 +79,11 @@ fn many_are_pending_and_received_in_any_order() {
     let (client, server) = pair();
     let ids: Vec<u64> = (0..3).map(|number| request(&client, number).unwrap()).collect();
     assert_eq!(request(&client, 9), Err(Status::Overload), "the table is full");
-    assert_eq!(receive(&client, ids[0], Wait::NONE, never), Err(Status::NoData));
+    assert_eq!(receive(&client, ids[0], Wait::NONE, &never), Err(Status::NoData));
     while serve(&server).is_ok() {}
     for number in [2, 0, 1] {
-        assert_eq!(receive(&client, ids[number], Wait::DEFAULT, never), Ok(number as u64 + 1));
-        assert_eq!(receive(&client, ids[number], Wait::DEFAULT, never), Err(Status::WrongId));
+        assert_eq!(receive(&client, ids[number], Wait::DEFAULT, &never), Ok(number as u64 + 1));
+        assert_eq!(receive(&client, ids[number], Wait::DEFAULT, &never), Err(Status::WrongId));
     }
     assert!(request(&client, 9).is_ok());
 }
@@ -117,13 +117,13 @@ fn each_way_in_which_a_wait_ends() {
             meanwhile(&client, &server);
             Ok(())
         };
-        assert_eq!(receive(&client, id, Wait::DEFAULT, park), expected);
-        let after = receive(&client, id, Wait::NONE, never);
+        assert_eq!(receive(&client, id, Wait::DEFAULT, &park), expected);
+        let after = receive(&client, id, Wait::NONE, &never);
         assert_eq!(after, Err(if id_stays { Status::NoData } else { Status::WrongId }), "after {expected:?}");
         if id_stays {
             client.blocking(Whose::Port, true);
             assert_eq!(serve(&server), Ok(()));
-            assert_eq!(receive(&client, id, Wait::DEFAULT, never), Ok(6), "nothing was consumed");
+            assert_eq!(receive(&client, id, Wait::DEFAULT, &never), Ok(6), "nothing was consumed");
         }
     }
 }
@@ -136,11 +136,11 @@ fn a_wait_ends_by_its_deadline_and_keeps_its_id_and_a_query_does_not() {
         Ok(())
     };
     let id = request(&client, 1).unwrap();
-    assert_eq!(receive(&client, id, Wait(1_000), sleep), Err(Status::Timeout));
+    assert_eq!(receive(&client, id, Wait(1_000), &sleep), Err(Status::Timeout));
     serve(&server).unwrap();
-    assert_eq!(receive(&client, id, Wait(1_000), never), Ok(2));
+    assert_eq!(receive(&client, id, Wait(1_000), &never), Ok(2));
     let lent = client.loan();
-    assert_eq!(client.ask(lent.id, Wait(1_000), sleep).status, Status::Timeout.code());
+    assert_eq!(client.ask(lent.id, Wait(1_000), &sleep).status, Status::Timeout.code());
     assert_eq!(client.discard(lent.id), Err(Status::WrongId));
     assert_eq!(serve(&server), Err(Status::NoData), "nobody wants it any more");
 }
@@ -151,11 +151,11 @@ fn data_wins_over_the_gate_and_over_a_disconnection() {
     let (one, two) = (request(&client, 1).unwrap(), request(&client, 2).unwrap());
     serve(&server).unwrap();
     client.blocking(Whose::Port, false);
-    assert_eq!(receive(&client, one, Wait::DEFAULT, never), Ok(2));
-    assert_eq!(receive(&client, two, Wait::DEFAULT, never), Err(Status::Cancelled), "at once, and a level");
+    assert_eq!(receive(&client, one, Wait::DEFAULT, &never), Ok(2));
+    assert_eq!(receive(&client, two, Wait::DEFAULT, &never), Err(Status::Cancelled), "at once, and a level");
     serve(&server).unwrap();
     client.disconnect();
-    assert_eq!(receive(&client, two, Wait::DEFAULT, never), Ok(3));
+    assert_eq!(receive(&client, two, Wait::DEFAULT, &never), Ok(3));
     assert_eq!(request(&client, 1), Err(Status::Disconnected));
 }
 
@@ -168,15 +168,15 @@ fn old_numbers_never_revive() {
     client.connect(&server, None).unwrap();
     assert_eq!(answer(&server, held), Err(Status::Disconnected));
     assert_eq!(answer(&server, held), Err(Status::WrongId), "the entry is gone");
-    assert_eq!(receive(&client, id, Wait::NONE, never), Err(Status::Disconnected));
-    assert_eq!(receive(&client, id, Wait::NONE, never), Err(Status::WrongId));
+    assert_eq!(receive(&client, id, Wait::NONE, &never), Err(Status::Disconnected));
+    assert_eq!(receive(&client, id, Wait::NONE, &never), Err(Status::WrongId));
 }
 
 #[test]
 fn where_nobody_may_wait_the_wait_is_cancelled() {
     let (client, _server) = pair();
     let id = request(&client, 1).unwrap();
-    assert_eq!(receive(&client, id, Wait::DEFAULT, |_| Err(NotHere)), Err(Status::Cancelled));
+    assert_eq!(receive(&client, id, Wait::DEFAULT, &|_| Err(NotHere)), Err(Status::Cancelled));
 }
 
 #[test]
@@ -193,17 +193,17 @@ fn a_ring_of_waiting_slots_is_found() {
     asks_first.connect(&first, None).unwrap();
     asks_itself.connect(&first, None).unwrap();
     let own = request(&asks_itself, 0).unwrap();
-    assert_eq!(receive(&asks_itself, own, Wait::DEFAULT, never), Err(Status::Cycle));
+    assert_eq!(receive(&asks_itself, own, Wait::DEFAULT, &never), Err(Status::Cycle));
     let id = request(&asks_second, 1).unwrap();
     let park = |_: u64| {
         // The handler of the second asks back.
         let held = second.next().unwrap().id;
         let back = request(&asks_first, 2).unwrap();
-        assert_eq!(receive(&asks_first, back, Wait::DEFAULT, never), Err(Status::Cycle));
+        assert_eq!(receive(&asks_first, back, Wait::DEFAULT, &never), Err(Status::Cycle));
         answer(&second, held).unwrap();
         Ok(())
     };
-    assert_eq!(receive(&asks_second, id, Wait::DEFAULT, park), Ok(2));
+    assert_eq!(receive(&asks_second, id, Wait::DEFAULT, &park), Ok(2));
 }
 
 #[test]
@@ -224,7 +224,7 @@ fn a_failed_provider_is_asked_again_where_the_connection_says_so() {
     assert!(again.id != before.id && again.value == before.value && !server.waits());
     assert!(!server.answer_loan(again.id).initialised, "what the predecessor left is not looked at");
     answer(&server, again.id).unwrap();
-    assert_eq!(receive(&client, id, Wait::NONE, never), Ok(6));
+    assert_eq!(receive(&client, id, Wait::NONE, &never), Ok(6));
 }
 
 #[test]
@@ -386,7 +386,7 @@ impl World {
 
     fn receive(&mut self, nth: usize) {
         let asked = &self.asked[nth];
-        let got = receive(&self.clients[asked.client], asked.id, Wait::NONE, never);
+        let got = receive(&self.clients[asked.client], asked.id, Wait::NONE, &never);
         match (asked.fate, asked.left) {
             (Some(Ok(answer)), _) => assert_eq!(got, Ok(answer)),
             // Two reasons at once: either is true.
@@ -397,7 +397,7 @@ impl World {
         }
         if got != Err(Status::NoData) {
             let asked = self.asked.remove(nth);
-            let again = receive(&self.clients[asked.client], asked.id, Wait::NONE, never);
+            let again = receive(&self.clients[asked.client], asked.id, Wait::NONE, &never);
             assert_eq!(again, Err(Status::WrongId), "one end each");
         }
     }
@@ -503,7 +503,7 @@ fn two_threads_lose_and_double_nothing() {
                 if round % 7 == 0 && number % 3 == 1 {
                     assert_eq!(client.discard(*id), Ok(()));
                 } else {
-                    assert_eq!(receive(&client, *id, Wait::DEFAULT, yields), Ok(number + 1));
+                    assert_eq!(receive(&client, *id, Wait::DEFAULT, &yields), Ok(number + 1));
                 }
             }
         }

@@ -16,9 +16,8 @@ use super::provider::Provider;
 use crate::model::limits::{DURATION_MAX, PENDING_MAX};
 use crate::model::time::nanoseconds;
 use crate::port::gate::Gate;
-use crate::port::wait::{NotHere, Waiter};
+use crate::port::wait::{Place, Waiter};
 use crate::sys::bell::Signal;
-use crate::sys::clock;
 
 /// The client's end of a port.
 pub struct Requestor {
@@ -224,11 +223,11 @@ impl Requestor {
     }
 
     /// Sends the request on loan and waits for the answer; whatever comes instead ends the call.
-    pub fn ask(&self, id: u64, wait: Wait, park: impl Fn(u64) -> Result<(), NotHere>) -> Lent {
+    pub fn ask(&self, id: u64, wait: Wait, place: &impl Place) -> Lent {
         if let Err(status) = self.send(id) {
             return Lent::refused(status);
         }
-        let lent = self.receive(id, wait, park);
+        let lent = self.receive(id, wait, place);
         if lent.status != 0
             && let Ok((call, generation, _)) = self.call(id, ClientState::Sent)
         {
@@ -238,12 +237,12 @@ impl Requestor {
     }
 
     /// Lends the answer, waits for it if asked to.
-    pub fn receive(&self, id: u64, wait: Wait, park: impl Fn(u64) -> Result<(), NotHere>) -> Lent {
+    pub fn receive(&self, id: u64, wait: Wait, place: &impl Place) -> Lent {
         let (call, generation, _) = match self.call(id, ClientState::Sent) {
             Ok(call) => call,
             Err(status) => return Lent::refused(status),
         };
-        match self.await_end(call, generation, wait, park) {
+        match self.await_end(call, generation, wait, place) {
             Ok(Look::Answered) => {
                 call.set_client(generation, ClientState::Lent);
                 Lent { value: call.answer.value(), id, status: 0, initialised: true }
@@ -258,13 +257,7 @@ impl Requestor {
     }
 
     /// How a call ended; an error: it has not, and is not waited for any longer.
-    fn await_end(
-        &self,
-        call: &Call,
-        generation: u32,
-        wait: Wait,
-        park: impl Fn(u64) -> Result<(), NotHere>,
-    ) -> Result<Look, Status> {
+    fn await_end(&self, call: &Call, generation: u32, wait: Wait, place: &impl Place) -> Result<Look, Status> {
         let look = self.look(call, generation);
         if look != Look::Open || wait == Wait::NONE {
             return Ok(look);
@@ -273,12 +266,12 @@ impl Requestor {
         if !self.gate.lets_wait(closings) {
             return Err(Status::Cancelled);
         }
-        let until_ns = self.until_ns(wait);
+        let until_ns = self.until_ns(wait, place.now_ns());
         if self.provider().is_some_and(|provider| !self.waiter.begin(&provider.waiter)) {
             return Err(Status::Cycle);
         }
         let end = loop {
-            if park(until_ns).is_err() {
+            if place.park(until_ns).is_err() {
                 break Err(Status::Cancelled);
             }
             let look = self.look(call, generation);
@@ -288,7 +281,7 @@ impl Requestor {
             if !self.gate.lets_wait(closings) {
                 break Err(Status::Cancelled);
             }
-            if clock::now_ns() >= until_ns {
+            if place.now_ns() >= until_ns {
                 break Err(Status::Timeout);
             }
         };
@@ -308,10 +301,10 @@ impl Requestor {
         look
     }
 
-    fn until_ns(&self, wait: Wait) -> u64 {
+    fn until_ns(&self, wait: Wait, now_ns: u64) -> u64 {
         let longest = nanoseconds(DURATION_MAX);
         let time_ns = if wait == Wait::DEFAULT { self.room.timeout_ns } else { wait.0 };
-        clock::now_ns().saturating_add(time_ns.min(longest))
+        now_ns.saturating_add(time_ns.min(longest))
     }
 
     /// Gives an answer on loan back.

@@ -72,7 +72,9 @@ pub mod prelude {
     pub use crate::context::{Context, Instant, Level};
     pub use crate::object::{CommObject, Sequence, Text};
     pub use crate::objects::*;
-    pub use crate::port::{DataIn, DataOut, Loan, Pending, Query, QueryClient, QueryId, QueryServer, Sent};
+    pub use crate::port::{
+        DataIn, DataOut, Loan, Message, Pending, Query, QueryClient, QueryId, QueryServer, SendClient, SendServer, Sent,
+    };
     pub use crate::status::Status;
     pub use crate::{CommObject, Component, error, export_components, fault, info, warn};
 }

@@ -6,7 +6,7 @@ use abi_stable::std_types::RStr;
 use crate::abi::class::{CreateArgs, PropertyDecl};
 use crate::component::ComponentError;
 use crate::object::CommObject;
-use crate::port::{DataIn, DataOut, QueryClient, QueryServer};
+use crate::port::{DataIn, DataOut, QueryClient, QueryServer, SendClient, SendServer};
 
 /// What a property's text must be.
 #[repr(u8)]
@@ -120,6 +120,18 @@ impl<'a> Builder<'a> {
     #[must_use]
     pub fn query_server<R: CommObject, A: CommObject>(&self, index: usize) -> QueryServer<R, A> {
         QueryServer::new(self.args.ports[index])
+    }
+
+    /// The sending port at `index`.
+    #[must_use]
+    pub fn send_client<C: CommObject>(&self, index: usize) -> SendClient<C> {
+        SendClient::new(self.args.ports[index])
+    }
+
+    /// The taking port at `index`.
+    #[must_use]
+    pub fn send_server<C: CommObject>(&self, index: usize) -> SendServer<C> {
+        SendServer::new(self.args.ports[index])
     }
 
     /// The property at `index`.

@@ -23,6 +23,7 @@ const UNSAFE: &[&str] = &[
     "component-sdk/src/object/sequence.rs",
     "component-sdk/src/object/text.rs",
     "component-sdk/src/testing/calls.rs",
+    "component-sdk/src/testing/sends.rs",
     "component-sdk/src/testing/mod.rs",
     "framework-daemon/src/exec/checkpoint.rs",
     "framework-daemon/src/plugin/instance.rs",

@@ -7,7 +7,8 @@ use syn::{Error, Field, Ident, LitInt, Result, Type};
 
 use crate::description;
 
-const KNOWN: &str = "a port is a DataIn<T>, a DataOut<T>, a QueryClient<R, A> or a QueryServer<R, A>";
+const KNOWN: &str = "a port is a DataIn<T>, a DataOut<T>, a QueryClient<R, A>, a QueryServer<R, A>, a SendClient<C> or a \
+                     SendServer<C>";
 
 /// The kinds of ports, by the last part of their type's name.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -16,6 +17,8 @@ enum Kind {
     DataOut,
     QueryClient,
     QueryServer,
+    SendClient,
+    SendServer,
 }
 
 impl Kind {
@@ -25,15 +28,22 @@ impl Kind {
             "DataOut" => Self::DataOut,
             "QueryClient" => Self::QueryClient,
             "QueryServer" => Self::QueryServer,
+            "SendClient" => Self::SendClient,
+            "SendServer" => Self::SendServer,
             _ => return None,
         })
     }
 
     const fn objects(self) -> usize {
         match self {
-            Self::DataIn | Self::DataOut => 1,
+            Self::DataIn | Self::DataOut | Self::SendClient | Self::SendServer => 1,
             Self::QueryClient | Self::QueryServer => 2,
         }
+    }
+
+    /// True where a method of the component may be called for what comes in.
+    const fn takes_handler(self) -> bool {
+        matches!(self, Self::QueryServer | Self::SendServer)
     }
 }
 
@@ -52,12 +62,6 @@ impl<'a> Port<'a> {
         let (kind, objects) = port_type(&field.ty)?;
         let mut port = Self { ident, field, kind, objects, fifo: 0, handler: None };
         port.options()?;
-        if kind == Kind::QueryServer && port.handler.is_none() {
-            return Err(Error::new_spanned(
-                field,
-                "a QueryServer needs the method that answers: #[port(handler = on_query)]",
-            ));
-        }
         Ok(port)
     }
 
@@ -71,12 +75,12 @@ impl<'a> Port<'a> {
                     self.fifo = meta.value()?.parse::<LitInt>()?.base10_parse()?;
                 } else if meta.path.is_ident("fifo") {
                     return Err(meta.error("`fifo` belongs to a DataIn: the others have no queue to read from"));
-                } else if meta.path.is_ident("handler") && self.kind == Kind::QueryServer {
+                } else if meta.path.is_ident("handler") && self.kind.takes_handler() {
                     self.handler = Some(meta.value()?.parse()?);
                 } else if meta.path.is_ident("handler") {
-                    return Err(meta.error("`handler` belongs to a QueryServer: nothing comes in here to be handled"));
+                    return Err(meta.error("`handler` belongs to a server: nothing comes in here to be handled"));
                 } else {
-                    return Err(meta.error("known here: fifo = 8 (DataIn), handler = on_query (QueryServer)"));
+                    return Err(meta.error("known here: fifo = 8 (DataIn), handler = on_query (a server)"));
                 }
                 Ok(())
             })?;
@@ -91,6 +95,8 @@ impl<'a> Port<'a> {
             Kind::DataOut => "data_out",
             Kind::QueryClient => "query_client",
             Kind::QueryServer => "query_server",
+            Kind::SendClient => "send_client",
+            Kind::SendServer => "send_server",
         };
         Ident::new(name, self.field.ty.span())
     }
@@ -103,6 +109,8 @@ impl<'a> Port<'a> {
             Kind::DataOut => (quote!(Push), quote!(Output)),
             Kind::QueryClient => (quote!(Query), quote!(Output)),
             Kind::QueryServer => (quote!(Query), quote!(Input)),
+            Kind::SendClient => (quote!(Send), quote!(Output)),
+            Kind::SendServer => (quote!(Send), quote!(Input)),
         };
         let described = |object: &Type| quote!(<#object as ::component_sdk::object::CommObject>::DESCRIPTOR);
         let object = described(self.objects[0]);
@@ -117,6 +125,8 @@ impl<'a> Port<'a> {
         quote! {
             PortDecl {
                 name: abi_name(#name),
+                service: abi_name(""),
+                method: abi_name(""),
                 pattern: Pattern::#pattern,
                 direction: Direction::#direction,
                 object: #object,
@@ -138,6 +148,13 @@ impl<'a> Port<'a> {
     pub(crate) fn dispatch(&self) -> Option<TokenStream> {
         let (field, handler) = (self.ident, self.handler.as_ref()?);
         // At the attribute: where the method is missing or takes something else, the compiler says so there.
+        if self.kind == Kind::SendServer {
+            return Some(quote_spanned! {handler.span()=>
+                if let ::core::option::Option::Some(message) = incoming.message(&self.#field) {
+                    return self.#handler(cx, &message);
+                }
+            });
+        }
         Some(quote_spanned! {handler.span()=>
             if let ::core::option::Option::Some(query) = incoming.query(&self.#field) {
                 return self.#handler(cx, query);

@@ -13,7 +13,7 @@ use abi_stable::StableAbi;
 use super::host;
 use super::payload::PortHandle;
 use crate::object::CommObject;
-use crate::port::{Query, QueryServer};
+use crate::port::{Message, Query, QueryServer, SendServer};
 use crate::status::Status;
 
 /// How long to wait, in nanoseconds. 0: not at all; [`Wait::DEFAULT`]: as long as the port's profile says.
@@ -72,6 +72,8 @@ impl Lent {
 pub enum ServeKind {
     /// A query is to be answered.
     Request,
+    /// What was sent is to be taken.
+    Message,
 }
 
 /// What [`Hook::Serve`](super::class::Hook::Serve) is entered with.
@@ -84,7 +86,7 @@ pub struct ServeArgs {
     pub what: ServeKind,
     /// The server's number of the call.
     pub id: u64,
-    /// The request.
+    /// The request, or what was sent.
     pub value: *const u8,
 }
 
@@ -97,14 +99,14 @@ impl ServeArgs {
         Self { port: PortHandle(std::ptr::null()), what: ServeKind::Request, id: 0, value: std::ptr::null() };
 }
 
-/// The functions of the daemon that make up the query pattern. All of them belong into a callback of the instance whose
+/// The functions of the daemon that make up the query and the send pattern. All of them belong into a callback of the instance whose
 /// port it is; on a thread of its own a component gets [`Status::NotAllowed`].
 #[repr(C)]
 #[derive(StableAbi, Clone, Copy)]
 pub struct CallApi {
-    /// Client: lends a call and the block for its request.
+    /// Client: lends a call and the block for its request, or for what is to be sent.
     pub loan: extern "C" fn(port: PortHandle) -> Lent,
-    /// Client: sends the request on loan.
+    /// Client: sends what is on loan. With the send pattern the call is the server's from then on.
     pub send: extern "C" fn(port: PortHandle, id: u64) -> u32,
     /// Client: sends the request on loan and waits for the answer. Whatever else comes ends the call.
     pub ask: extern "C" fn(port: PortHandle, id: u64, wait: Wait) -> Lent,
@@ -116,13 +118,16 @@ pub struct CallApi {
     pub discard: extern "C" fn(port: PortHandle, id: u64) -> u32,
     /// Client: whether this port may wait, for itself or as one of its component's.
     pub blocking: extern "C" fn(port: PortHandle, whose: Whose, on: bool) -> u32,
+    /// Server: takes the next call of a port without a handler, waits for it if asked to.
+    pub next: extern "C" fn(port: PortHandle, wait: Wait) -> Lent,
     /// Server: the request of a call that it holds.
     pub opened: extern "C" fn(port: PortHandle, id: u64) -> Lent,
     /// Server: lends the block for the answer.
     pub answer_loan: extern "C" fn(port: PortHandle, id: u64) -> Lent,
     /// Server: sends the answer on loan.
     pub answer: extern "C" fn(port: PortHandle, id: u64) -> u32,
-    /// Server: lets a call go unanswered; the client gets the status of that code.
+    /// Server: lets a call go unanswered; the client gets the status of that code. With the send pattern it is done with
+    /// what was sent, and nobody gets anything.
     pub refuse: extern "C" fn(port: PortHandle, id: u64, status: u32) -> u32,
 }
 
@@ -136,6 +141,7 @@ impl CallApi {
         release: closed::released,
         discard: closed::code,
         blocking: closed::blocking,
+        next: closed::next,
         opened: closed::lent_call,
         answer_loan: closed::lent_call,
         answer: closed::code,
@@ -163,6 +169,9 @@ mod closed {
     pub(super) extern "C" fn released(_: PortHandle, _: u64) {}
     pub(super) extern "C" fn blocking(_: PortHandle, _: Whose, _: bool) -> u32 {
         CODE
+    }
+    pub(super) extern "C" fn next(_: PortHandle, _: Wait) -> Lent {
+        Lent::refused(Status::Closed)
     }
     pub(super) extern "C" fn refused(_: PortHandle, _: u64, _: u32) -> u32 {
         CODE
@@ -211,7 +220,7 @@ impl<T: CommObject> CallLoan<T> {
     }
 }
 
-/// The request of a call that this server holds, for as long as the handler or the borrow of its token lasts.
+/// What came with a call that this server holds, for as long as the handler or the borrow of its token lasts.
 pub(crate) fn request_of<'a, R: CommObject>(value: *const u8) -> Option<&'a R> {
     // SAFETY: the daemon compared the layouts of `R` at both ends when they were connected, shows a server only requests
     // that their clients have filled, and keeps the block alive and unwritten until this server lets the call go. The
@@ -229,6 +238,17 @@ impl<'a> Incoming<'a> {
         Self { args }
     }
 
+    /// What was sent, if it came in at this port.
+    #[must_use]
+    pub fn message<C: CommObject>(&self, server: &SendServer<C>) -> Option<Message<'a, C>> {
+        let (port, id) = (server.handle(), self.args.id);
+        if self.args.what != ServeKind::Message || self.args.port != port {
+            return None;
+        }
+        let command = request_of(self.args.value)?;
+        Some(Message::new(CallRef { port, id }, command))
+    }
+
     /// The query, if it came in at this port.
     #[must_use]
     pub fn query<R: CommObject, A: CommObject>(&self, server: &QueryServer<R, A>) -> Option<Query<'a, R, A>> {
@@ -239,6 +259,17 @@ impl<'a> Incoming<'a> {
         let request = request_of(self.args.value)?;
         Some(Query::new(CallRef { port, id }, request))
     }
+}
+
+/// The next call of a server's port, and what came with it.
+///
+/// # Errors
+/// The status with which nothing was taken.
+pub(crate) fn next<'a, R: CommObject>(port: PortHandle, wait: Wait) -> Result<(CallRef, &'a R), Status> {
+    let lent = (api().next)(port, wait);
+    Status::check(lent.status)?;
+    let request = request_of(lent.value).ok_or(Status::Error)?;
+    Ok((CallRef { port, id: lent.id }, request))
 }
 
 /// Functions of the daemon, by their names.

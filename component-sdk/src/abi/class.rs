@@ -81,15 +81,17 @@ pub enum Pattern {
     Push,
     /// A client asks a server.
     Query,
+    /// A client sends to a server, which answers nothing.
+    Send,
 }
 
 /// Direction of a port.
 #[repr(u8)]
 #[derive(StableAbi, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
-    /// Receives: values, or the requests that a server answers.
+    /// Receives: values, or what a server answers or takes.
     Input,
-    /// Sends: values, or the requests of a client.
+    /// Sends: values, or what a client asks or sends.
     Output,
 }
 
@@ -97,13 +99,17 @@ pub enum Direction {
 #[repr(C)]
 #[derive(StableAbi, Clone, Copy)]
 pub struct PortDecl {
-    /// Name.
+    /// Name; of a method's port that of the service port that it belongs to.
     pub name: RStr<'static>,
+    /// Interface of the service port that it is a part of; empty: it is a port of its own.
+    pub service: RStr<'static>,
+    /// The method that is called through it; empty: it is a port of its own.
+    pub method: RStr<'static>,
     /// Pattern.
     pub pattern: Pattern,
     /// Direction.
     pub direction: Direction,
-    /// What it carries; the request of a query.
+    /// What it carries; the request of a query, the parameters of a method.
     pub object: &'static TypeDescriptor,
     /// The answer of a query.
     pub answer: ROption<&'static TypeDescriptor>,
@@ -113,6 +119,14 @@ pub struct PortDecl {
     pub fifo: usize,
     /// Documentation of the field.
     pub description: RStr<'static>,
+}
+
+impl PortDecl {
+    /// Its name in its class: `scan`, or `motors.drive` where it is a method of a service port.
+    #[must_use]
+    pub fn full_name(&self) -> String {
+        if self.method.is_empty() { self.name.to_string() } else { format!("{}.{}", self.name, self.method) }
+    }
 }
 
 /// A property.

@@ -5,6 +5,8 @@
 
 mod data;
 mod query;
+mod send;
 
 pub use data::{DataIn, DataOut, Loan, Sent};
 pub use query::{Answer, Pending, Query, QueryClient, QueryId, QueryServer, Reply, Request};
+pub use send::{Message, Outgoing, SendClient, SendServer};

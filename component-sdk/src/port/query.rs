@@ -30,16 +30,39 @@
 //! }
 //! ```
 //!
-//! A server without a handler is a mistake that the compiler finds:
+//! A server without a handler takes its queries itself, when it likes:
+//!
+//! ```
+//! # use component_sdk::prelude::*;
+//! /// Squares one number in each period.
+//! #[derive(Component)]
+//! #[component(name = "Slow", periodic = "100ms")]
+//! pub struct Slow {
+//!     #[port]
+//!     squares: QueryServer<f64, f64>,
+//! }
+//!
+//! impl Callbacks for Slow {
+//!     fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+//!         let query = self.squares.next(cx)?;
+//!         let number = *query;
+//!         query.answer(number * number)?;
+//!         Ok(())
+//!     }
+//! }
+//! ```
+//!
+//! A handler that is not there is a mistake that the compiler finds:
 //!
 //! ```compile_fail
 //! # use component_sdk::prelude::*;
 //! #[derive(Component)]
 //! #[component(name = "Deaf", passive)]
 //! pub struct Deaf {
-//!     #[port]
+//!     #[port(handler = on_square)]
 //!     squares: QueryServer<f64, f64>,
 //! }
+//! # impl Callbacks for Deaf {}
 //! ```
 //!
 //! A wait suspends the callback, not the thread: other components run meanwhile. It ends by the answer, by its deadline
@@ -195,7 +218,7 @@ impl<R: CommObject, A: CommObject> QueryClient<R, A> {
 }
 
 /// A wait in the middle of a panic would keep half-unwound frames for as long as it lasts.
-fn unless_panicking(wait: Wait) -> Result<Wait, Status> {
+pub(super) fn unless_panicking(wait: Wait) -> Result<Wait, Status> {
     if std::thread::panicking() { Err(Status::Cancelled) } else { Ok(wait) }
 }
 
@@ -303,7 +326,8 @@ impl<A: CommObject> Drop for Reply<'_, A> {
     }
 }
 
-/// Answers the queries of any number of [`QueryClient`]s, in its handler or later.
+/// Answers the queries of any number of [`QueryClient`]s: in its handler, later, or where a port without a handler takes
+/// them by [`Self::next`].
 pub struct QueryServer<R, A> {
     handle: PortHandle,
     objects: PhantomData<fn(R) -> A>,
@@ -317,9 +341,38 @@ impl<R: CommObject, A: CommObject> QueryServer<R, A> {
     pub(crate) const fn handle(&self) -> PortHandle {
         self.handle
     }
+
+    /// Takes the next query, and waits for it as long as it takes: until the component is to stop.
+    ///
+    /// # Errors
+    /// `Cancelled` (the component is to stop, or may not wait here), `Overload` (as many queries kept as the port's
+    /// `<queue_size>` allows), `NotAllowed` (the port has a handler, which takes them), `Closed`.
+    pub fn next<'a>(&mut self, _cx: &'a Context<'_>) -> Result<Query<'a, R, A>, Status> {
+        self.taken(unless_panicking(Wait::DEFAULT)?)
+    }
+
+    /// As [`Self::next`], but waits no longer than `time`.
+    ///
+    /// # Errors
+    /// As [`Self::next`], and `Timeout`.
+    pub fn next_within<'a>(&mut self, _cx: &'a Context<'_>, time: Duration) -> Result<Query<'a, R, A>, Status> {
+        self.taken(unless_panicking(Wait::within(time))?)
+    }
+
+    /// Takes the next query, if there is one.
+    ///
+    /// # Errors
+    /// `NoData`, `Overload`, `NotAllowed`, `Closed`.
+    pub fn try_next<'a>(&mut self, _cx: &'a Context<'_>) -> Result<Query<'a, R, A>, Status> {
+        self.taken(Wait::NONE)
+    }
+
+    fn taken<'a>(&mut self, wait: Wait) -> Result<Query<'a, R, A>, Status> {
+        calls::next(self.handle, wait).map(|(call, request)| Query::new(call, request))
+    }
 }
 
-/// A query in its handler: reads as the request. One that is dropped unanswered ends with `Status::Error` at the client.
+/// A query that was taken: reads as the request. One that is dropped unanswered ends with `Status::Error` at the client.
 pub struct Query<'a, R: CommObject, A: CommObject> {
     request: &'a R,
     // Whole until the query is answered, refused or kept.

@@ -1,12 +1,14 @@
-//! Queries on the bench: the test plays the other side. Nothing waits, for there is nobody to wait for: a query is
+//! Calls on the bench: the test plays the other side. Nothing waits, for there is nobody to wait for: a query is
 //! answered by what the test prepared, or times out.
 #![allow(unsafe_code, reason = "address of unsafe: plays the daemon's side of a call")]
 
+use std::collections::VecDeque;
+
 use super::{Bench, port};
 use crate::abi::calls::{CallApi, Incoming, Lent, ServeArgs, ServeKind, Wait, Whose};
-use crate::abi::class::{Direction, Pattern};
+use crate::abi::class::{Direction, Pattern, PortDecl};
 use crate::abi::payload::PortHandle;
-use crate::component::{Callbacks, Outcome};
+use crate::component::Callbacks;
 use crate::object::{CommObject, TypeDescriptor};
 use crate::status::Status;
 
@@ -14,9 +16,18 @@ use crate::status::Status;
 type Answerer = Box<dyn FnMut(*const u8) -> Result<*mut u8, Status>>;
 
 /// What a port on the bench knows of its calls.
-#[derive(Default)]
 pub(super) struct Calls {
     open: Vec<Call>,
+    /// They are messages.
+    one_way: bool,
+    /// The component has a handler.
+    has_handler: bool,
+    /// What came in and was not taken.
+    waiting: VecDeque<u64>,
+    /// What was sent and not looked at.
+    pub(super) sent: VecDeque<u64>,
+    /// What is said to who sends.
+    pub(super) refusal: Option<Status>,
     answerer: Option<Answerer>,
     /// By whose gate it is.
     refuses_waits: [bool; 2],
@@ -66,7 +77,7 @@ impl<C: Callbacks> Bench<C> {
         self.ports[index].borrow_mut().calls.answerer = Some(Box::new(answerer));
     }
 
-    /// Asks the component: enters the handler of a server port.
+    /// Asks the component: enters the handler of a server port; where it has none, the query waits to be taken.
     ///
     /// # Errors
     /// The handler's own.
@@ -79,15 +90,30 @@ impl<C: Callbacks> Bench<C> {
         request: R,
     ) -> Result<Asked<A>, crate::component::ComponentError> {
         let index = self.query_port::<R, A>(port, Direction::Input);
-        let request = Box::into_raw(Box::new(request)).cast::<u8>();
-        let id = self.ports[index].borrow_mut().calls.open(request, State::Open);
-        let handle = PortHandle(std::ptr::from_ref(&self.ports[index]).cast());
-        let args = ServeArgs { port: handle, what: ServeKind::Request, id, value: request };
-        self.serve(&args).map(|()| Asked { port: index, id, answer: std::marker::PhantomData })
+        self.bring(index, Box::into_raw(Box::new(request)).cast(), ServeKind::Request).map(|id| Asked {
+            port: index,
+            id,
+            answer: std::marker::PhantomData,
+        })
     }
 
-    fn serve(&mut self, args: &ServeArgs) -> Outcome {
-        self.enter(|component, cx| component.serve(cx, &Incoming::new(args)))
+    /// Something comes in.
+    pub(super) fn bring(
+        &mut self,
+        index: usize,
+        request: *mut u8,
+        what: ServeKind,
+    ) -> Result<u64, crate::component::ComponentError> {
+        let mut port = self.ports[index].borrow_mut();
+        let id = port.calls.open(request, State::Open);
+        if !port.calls.has_handler {
+            port.calls.waiting.push_back(id);
+            return Ok(id);
+        }
+        drop(port);
+        let handle = PortHandle(std::ptr::from_ref(&self.ports[index]).cast());
+        let args = ServeArgs { port: handle, what, id, value: request };
+        self.enter(|component, cx| component.serve(cx, &Incoming::new(&args))).map(|()| id)
     }
 
     /// What became of a query: its answer, once.
@@ -106,7 +132,7 @@ impl<C: Callbacks> Bench<C> {
 
     fn query_port<R: CommObject, A: CommObject>(&self, name: &str, direction: Direction) -> usize {
         let is_it = |port: &crate::abi::class::PortDecl| {
-            port.name.as_str() == name && port.direction == direction && port.pattern == Pattern::Query
+            port.full_name() == name && port.direction == direction && port.pattern == Pattern::Query
         };
         let side = if direction == Direction::Input { "QueryServer" } else { "QueryClient" };
         let index = self.decl.ports.iter().position(is_it);
@@ -125,6 +151,54 @@ impl<C: Callbacks> Bench<C> {
 }
 
 impl Calls {
+    pub(super) fn new(decl: &PortDecl) -> Self {
+        Self {
+            open: Vec::new(),
+            one_way: decl.pattern == Pattern::Send,
+            has_handler: decl.handler,
+            waiting: VecDeque::new(),
+            sent: VecDeque::new(),
+            refusal: None,
+            answerer: None,
+            refuses_waits: [false; 2],
+        }
+    }
+
+    /// What a client sent first of all that was not looked at.
+    pub(super) fn take_sent(&mut self) -> Option<*mut u8> {
+        let id = self.sent.pop_front()?;
+        self.call(id).map(|call| call.request)
+    }
+
+    fn next(&mut self, wait: Wait) -> Lent {
+        if self.has_handler {
+            return Lent::refused(Status::NotAllowed);
+        }
+        let Some(id) = self.waiting.pop_front() else {
+            return Lent::refused(if wait == Wait::NONE { Status::NoData } else { Status::Timeout });
+        };
+        self.opened(id)
+    }
+
+    fn opened(&mut self, id: u64) -> Lent {
+        self.in_state(id, State::Open).map_or(Lent::refused(Status::WrongId), |call| Lent {
+            value: call.request,
+            id,
+            status: 0,
+            initialised: true,
+        })
+    }
+
+    fn send_one_way(&mut self, id: u64) -> Result<(), Status> {
+        let refusal = self.refusal;
+        self.in_state(id, State::Loan).ok_or(Status::WrongId)?.state = State::Over;
+        if let Some(status) = refusal {
+            return Err(status);
+        }
+        self.sent.push_back(id);
+        Ok(())
+    }
+
     fn open(&mut self, request: *mut u8, state: State) -> u64 {
         self.open.push(Call { request, answer: std::ptr::null_mut(), state });
         self.open.len() as u64
@@ -139,6 +213,9 @@ impl Calls {
     }
 
     fn send(&mut self, id: u64) -> Result<(), Status> {
+        if self.one_way {
+            return self.send_one_way(id);
+        }
         let request = self.in_state(id, State::Loan).ok_or(Status::WrongId)?.request;
         let answer = self.answerer.as_mut().map_or(Err(Status::NoData), |answerer| answerer(request));
         let call = self.in_state(id, State::Loan).ok_or(Status::WrongId)?;
@@ -183,7 +260,7 @@ impl Calls {
 }
 
 pub(super) const API: CallApi =
-    CallApi { loan, send, ask, receive, release, discard, blocking, opened, answer_loan, answer, refuse };
+    CallApi { loan, send, ask, receive, release, discard, blocking, next, opened, answer_loan, answer, refuse };
 
 fn allocate(object: &TypeDescriptor) -> *mut u8 {
     let layout =
@@ -242,13 +319,11 @@ extern "C" fn blocking(handle: PortHandle, whose: Whose, on: bool) -> u32 {
 }
 
 extern "C" fn opened(handle: PortHandle, id: u64) -> Lent {
-    let calls = &mut port(handle).borrow_mut().calls;
-    calls.in_state(id, State::Open).map_or(Lent::refused(Status::WrongId), |call| Lent {
-        value: call.request,
-        id,
-        status: 0,
-        initialised: true,
-    })
+    port(handle).borrow_mut().calls.opened(id)
+}
+
+extern "C" fn next(handle: PortHandle, wait: Wait) -> Lent {
+    port(handle).borrow_mut().calls.next(wait)
 }
 
 extern "C" fn answer_loan(handle: PortHandle, id: u64) -> Lent {

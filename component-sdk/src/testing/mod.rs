@@ -21,6 +21,7 @@
 #![allow(unsafe_code, reason = "address of unsafe: plays the daemon's side of the border")]
 
 mod calls;
+mod sends;
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -243,7 +244,7 @@ impl BenchPort {
             current: None,
             fifo: decl.fifo > 0,
             answer: decl.answer.into_option(),
-            calls: calls::Calls::default(),
+            calls: calls::Calls::new(decl),
         }
     }
 

@@ -119,13 +119,15 @@ fn profile(class: &Class) -> String {
 fn port(port: &PortDecl) -> String {
     match port.pattern {
         Pattern::Push => data_port(port),
-        Pattern::Query => service_port(port),
+        Pattern::Query | Pattern::Send => service_port(port),
     }
 }
 
 fn service_port(port: &PortDecl) -> String {
     let settings = if port.direction == Direction::Input {
         format!("<queue_size>{INBOX_DEFAULT}</queue_size>")
+    } else if port.pattern == Pattern::Send {
+        format!("<pending>{PENDING_DEFAULT}</pending>\n      <on_gone>fail</on_gone>")
     } else {
         let timeout = quantity::format_duration(WAIT);
         format!(
@@ -142,18 +144,20 @@ fn service_port(port: &PortDecl) -> String {
     )
 }
 
-/// What is asked and what is answered, as the name of an interface.
+/// What is asked and what is answered, or what is sent, as the name of an interface.
 fn call_type(port: &PortDecl) -> String {
-    let answer = port.answer.into_option().map_or("nothing", |answer| answer.name.as_str());
-    format!("{} to {answer}", port.object.name)
+    match port.answer.into_option() {
+        Some(answer) => format!("{} to {}", port.object.name, answer.name),
+        None => port.object.name.to_string(),
+    }
 }
 
 fn usage(port: &PortDecl) -> &'static str {
     match (port.pattern, port.direction) {
         (Pattern::Push, Direction::Input) => "input",
         (Pattern::Push, Direction::Output) => "output",
-        (Pattern::Query, Direction::Input) => "provided",
-        (Pattern::Query, Direction::Output) => "required",
+        (Pattern::Query | Pattern::Send, Direction::Input) => "provided",
+        (Pattern::Query | Pattern::Send, Direction::Output) => "required",
     }
 }
 

@@ -15,6 +15,7 @@ use crate::model::limits::{LOST_THREADS_MAX, QUARANTINED_MAX, STACK_BYTES};
 use crate::model::time::nanoseconds;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
+use crate::port::pattern::objects::Objects;
 use crate::port::pattern::provider::Provider;
 use crate::port::pattern::requestor::Requestor;
 use crate::profile::plan::{Execution, Queue, SlotPlan, Trigger};
@@ -170,18 +171,18 @@ fn output(slot: &str, port: &OutPort, readers: &[End]) -> Value {
 
 fn client(slot: &str, port: &Requestor, servers: &[End]) -> Value {
     let (asked, failed) = port.counts();
-    json!({"slot": slot, "port": port.name, "direction": "client", "type": exchange(port.request, port.answer),
+    json!({"slot": slot, "port": port.name, "direction": "client", "type": exchange(port.objects),
         "connections": names(servers), "asked": asked, "failed": failed})
 }
 
 fn server(slot: &str, port: &Provider, clients: &[End]) -> Value {
     let (waiting, in_hand, refused) = port.counts();
-    json!({"slot": slot, "port": port.name, "direction": "server", "type": exchange(port.request, port.answer),
+    json!({"slot": slot, "port": port.name, "direction": "server", "type": exchange(port.objects),
         "connections": names(clients), "waiting": waiting, "in_hand": in_hand, "refused": refused})
 }
 
-fn exchange(request: &TypeDescriptor, answer: &TypeDescriptor) -> String {
-    format!("{} -> {}", request.name, answer.name)
+fn exchange(objects: Objects) -> String {
+    format!("{} -> {}", objects.request.name, objects.answer.map_or("nothing", |answer| answer.name.as_str()))
 }
 
 fn names(ends: &[End]) -> Vec<String> {
@@ -192,11 +193,14 @@ fn names(ends: &[End]) -> Vec<String> {
 #[must_use]
 pub fn port_layout(slot: &Slot, port: &str) -> Option<Value> {
     let data = slot.input(port).map(|port| port.object).or_else(|| slot.output(port).map(|port| port.object));
-    let client = || slot.requestor(port).map(|port| (port.request, port.answer));
-    let server = || slot.provider(port).map(|port| (port.request, port.answer));
+    let client = || slot.requestor(port).map(|port| port.objects);
+    let server = || slot.provider(port).map(|port| port.objects);
     let service = || client().or_else(server);
-    data.map(layout)
-        .or_else(|| service().map(|(request, answer)| json!({"request": layout(request), "answer": layout(answer)})))
+    let exchanged = |objects: Objects| match objects.answer {
+        Some(answer) => json!({"request": layout(objects.request), "answer": layout(answer)}),
+        None => json!({"message": layout(objects.request)}),
+    };
+    data.map(layout).or_else(|| service().map(exchanged))
 }
 
 fn policy(queue: Queue) -> String {

@@ -1,4 +1,4 @@
-//! Requests of other slots: each is answered by a handler, in turn with the slot's other callbacks.
+//! Requests and messages of other slots: each is served by a handler, in turn with the slot's other callbacks.
 
 use component_sdk::abi::class::Hook;
 
@@ -38,6 +38,7 @@ pub(super) fn set_open(slot: &Slot, open: Openness) {
 /// The slot's callbacks may wait from now on, or may not.
 pub(super) fn set_blocking(slot: &Slot, blocking: bool) {
     slot.requestors.iter().for_each(|port| port.set_blocking(blocking));
+    slot.providers.iter().for_each(|port| port.set_blocking(blocking));
 }
 
 /// The slot's instance is another one from now on: what the last one asked nobody waits for, and what it had in hand is

@@ -19,9 +19,9 @@ pub struct Slot {
     pub inputs: Vec<Arc<InPort>>,
     /// Outputs.
     pub outputs: Vec<Arc<OutPort>>,
-    /// Clients of queries.
+    /// Clients, of queries and messages.
     pub requestors: Vec<Arc<Requestor>>,
-    /// Servers of queries.
+    /// Servers, of queries and messages.
     pub providers: Vec<Arc<Provider>>,
     /// Counters.
     pub status: Status,

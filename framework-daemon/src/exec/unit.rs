@@ -165,7 +165,7 @@ fn bind(decl: &ClassDecl, slot: &Slot, instance: u64) -> Result<Vec<Binding>, St
     decl.ports
         .iter()
         .map(|port| {
-            let end = slot.end(port.name.as_str(), port.direction == Direction::Input);
+            let end = slot.end(&port.full_name(), port.direction == Direction::Input);
             let end = end.ok_or_else(|| format!("class {}: the slot has no port `{}`", decl.name, port.name))?;
             Binding::new(end, instance).ok_or_else(|| "no port handle is left".to_owned())
         })

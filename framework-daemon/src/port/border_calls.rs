@@ -1,4 +1,4 @@
-//! Where plugins' queries arrive. A call belongs into a callback of the instance whose port it is: a thread that the
+//! Where plugins' queries and messages arrive. A call belongs into a callback of the instance whose port it is: a thread that the
 //! component started would have to be told apart from the callback at every step.
 
 use component_sdk::abi::calls::{CallApi, Lent, Wait, Whose};
@@ -11,9 +11,9 @@ use super::pattern::provider::Provider;
 use super::pattern::requestor::Requestor;
 use super::wait;
 
-/// What every plugin is given for its queries.
+/// What every plugin is given for its queries and messages.
 pub(super) const API: CallApi =
-    CallApi { loan, send, ask, receive, release, discard, blocking, opened, answer_loan, answer, refuse };
+    CallApi { loan, send, ask, receive, release, discard, blocking, next, opened, answer_loan, answer, refuse };
 
 /// Calls `act` with the client port of a handle.
 fn client<R>(handle: PortHandle, act: impl FnOnce(&Requestor) -> Result<R, Status>) -> Result<R, Status> {
@@ -81,6 +81,15 @@ extern "C" fn blocking(handle: PortHandle, whose: Whose, on: bool) -> u32 {
     }))
 }
 
+extern "C" fn next(handle: PortHandle, time: Wait) -> Lent {
+    let at_rest = |end: &End<'_>| matches!(end, End::Idle);
+    if visit(handle, |end, _| at_rest(&end)) {
+        // Nothing comes in while the instance stands ready.
+        return Lent::refused(Status::NoData);
+    }
+    lent(server(handle, |port| Ok(port.pull(time, wait::park))))
+}
+
 extern "C" fn opened(handle: PortHandle, id: u64) -> Lent {
     lent(server(handle, |port| Ok(port.opened(id))))
 }
@@ -105,6 +114,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::super::border::{Binding, PortEnd};
+    use super::super::pattern::objects::Objects;
     use super::super::pattern::provider::Openness;
     use super::super::pattern::requestor::Room;
     use super::super::wait::Waiter;
@@ -112,11 +122,12 @@ mod tests {
     use crate::sys::seat::{self, Owner};
 
     const CLOSED: u32 = Status::Closed.code();
+    const OBJECTS: Objects = Objects { request: u64::DESCRIPTOR, answer: Some(f64::DESCRIPTOR) };
 
     fn ends() -> (Arc<Requestor>, Arc<Provider>) {
         let room = Room { pending: 2, timeout_ns: 1_000, retry: false };
-        let requestor = Requestor::new("scan", u64::DESCRIPTOR, f64::DESCRIPTOR, room, Waiter::new());
-        let provider = Provider::new("scans", u64::DESCRIPTOR, f64::DESCRIPTOR, 4, Waiter::new());
+        let requestor = Requestor::new("scan", OBJECTS, room, Waiter::new());
+        let provider = Provider::new("scans", OBJECTS, 4, Waiter::new());
         provider.set_open(Openness::Serving);
         (Arc::new(requestor), Arc::new(provider))
     }
@@ -132,6 +143,7 @@ mod tests {
             ask(handle, id, Wait::NONE).status,
             receive(handle, id, Wait::NONE).status,
             discard(handle, id),
+            next(handle, Wait::NONE).status,
             opened(handle, id).status,
             answer_loan(handle, id).status,
             answer(handle, id),

@@ -89,10 +89,7 @@ fn ask(client: &Requestor, from: Name<'_>, server: &Arc<Provider>, to: Name<'_>)
     client.connect(server, None).map_err(|difference| {
         Refusal::new(
             Status::IncompatibleService,
-            format_args!(
-                "{from} asks {} for {}, {to} answers {} with {}, and their layouts differ: {difference}",
-                client.request.name, client.answer.name, server.request.name, server.answer.name
-            ),
+            format_args!("{from} {}, {to} {}: {difference}", client.objects.asked(), server.objects.served()),
         )
     })
 }

@@ -16,6 +16,7 @@ use crate::plugin::{Class, Plugin};
 use crate::port::check::Checks;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
+use crate::port::pattern::objects::Objects;
 use crate::port::pattern::provider::Provider;
 use crate::port::pattern::requestor::{Requestor, Room};
 use crate::port::wait::Waiter;
@@ -35,9 +36,9 @@ pub struct Blueprint<'a> {
     pub inputs: Vec<InPort>,
     /// Its output ports.
     pub outputs: Vec<OutPort>,
-    /// Its clients of queries.
+    /// Its clients.
     pub requestors: Vec<Requestor>,
-    /// Its servers of queries.
+    /// Its servers.
     pub providers: Vec<Provider>,
 }
 
@@ -76,8 +77,12 @@ impl<'a> Blueprint<'a> {
             match (decl.pattern, decl.direction) {
                 (Pattern::Push, Direction::Input) => self.inputs.push(input(decl, component)?),
                 (Pattern::Push, Direction::Output) => self.outputs.push(output(decl, component)?),
-                (Pattern::Query, Direction::Input) => self.providers.push(provider(decl, component, &waiter)?),
-                (Pattern::Query, Direction::Output) => self.requestors.push(requestor(decl, component, &waiter)?),
+                (Pattern::Query | Pattern::Send, Direction::Input) => {
+                    self.providers.push(provider(decl, component, &waiter)?);
+                }
+                (Pattern::Query | Pattern::Send, Direction::Output) => {
+                    self.requestors.push(requestor(decl, component, &waiter)?);
+                }
             }
         }
         Ok(())
@@ -141,8 +146,12 @@ fn service<'p>(decl: &PortDecl, component: &'p ComponentPlan) -> Option<&'p Serv
     component.service_ports.iter().find(|port| port.name == decl.name.as_str())
 }
 
-fn answer_of(decl: &PortDecl) -> Result<&'static TypeDescriptor, String> {
-    decl.answer.into_option().ok_or_else(|| format!("port `{}`: a query without an answer", decl.name))
+fn objects(decl: &PortDecl) -> Result<Objects, String> {
+    let answer = decl.answer.into_option();
+    if answer.is_none() && decl.pattern == Pattern::Query {
+        return Err(format!("port `{}`: a query without an answer", decl.name));
+    }
+    Ok(Objects { request: decl.object, answer: answer.filter(|_| decl.pattern == Pattern::Query) })
 }
 
 fn requestor(decl: &PortDecl, component: &ComponentPlan, waiter: &Arc<Waiter>) -> Result<Requestor, String> {
@@ -152,12 +161,13 @@ fn requestor(decl: &PortDecl, component: &ComponentPlan, waiter: &Arc<Waiter>) -
         timeout_ns: nanoseconds(declared.map_or(WAIT, |port| port.timeout)),
         retry: declared.is_some_and(|port| port.on_gone == OnGone::Retry),
     };
-    Ok(Requestor::new(decl.name.as_str(), decl.object, answer_of(decl)?, room, Arc::clone(waiter)))
+    Ok(Requestor::new(&decl.full_name(), objects(decl)?, room, Arc::clone(waiter)))
 }
 
 fn provider(decl: &PortDecl, component: &ComponentPlan, waiter: &Arc<Waiter>) -> Result<Provider, String> {
     let room = service(decl, component).map_or(INBOX_DEFAULT, |port| port.queue_size);
-    Ok(Provider::new(decl.name.as_str(), decl.object, answer_of(decl)?, room, Arc::clone(waiter)))
+    let provider = Provider::new(&decl.full_name(), objects(decl)?, room, Arc::clone(waiter));
+    Ok(if decl.handler { provider } else { provider.without_handler() })
 }
 
 /// A secondary: its class is loaded now unless its preload says otherwise, and must have the primary's ports.

@@ -128,7 +128,7 @@ fn check_port(class: &Class, name: &str, pattern: Pattern, direction: Direction)
         let known: Vec<_> = ports.iter().map(|port| port.name.as_str()).collect();
         return Err(format!("the plugin's class has no port `{name}`; it has: {}", known.join(", ")));
     };
-    if found.pattern != pattern {
+    if element(found.pattern) != element(pattern) {
         let (is, wanted) = (element(found.pattern), element(pattern));
         return Err(format!("port `{name}` is a {is} in the plugin, not a {wanted}"));
     }
@@ -137,8 +137,10 @@ fn check_port(class: &Class, name: &str, pattern: Pattern, direction: Direction)
     }
     let sides = match pattern {
         Pattern::Push => "has the other direction in the plugin",
-        Pattern::Query if found.direction == Direction::Input => "is provided by the plugin, not required",
-        Pattern::Query => "is required by the plugin, not provided",
+        Pattern::Query | Pattern::Send if found.direction == Direction::Input => {
+            "is provided by the plugin, not required"
+        }
+        Pattern::Query | Pattern::Send => "is required by the plugin, not provided",
     };
     Err(format!("port `{name}` {sides}"))
 }
@@ -147,7 +149,7 @@ fn check_port(class: &Class, name: &str, pattern: Pattern, direction: Direction)
 const fn element(pattern: Pattern) -> &'static str {
     match pattern {
         Pattern::Push => "<data_port>",
-        Pattern::Query => "<service_port>",
+        Pattern::Query | Pattern::Send => "<service_port>",
     }
 }
 

@@ -3,12 +3,11 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use component_sdk::object::TypeDescriptor;
-
 use super::system::{Placed, by_name};
 use super::wiring::{at, no_such_port};
+use crate::port::pattern::objects::Objects;
 use crate::port::pattern::provider::Provider;
-use crate::port::pattern::requestor::{self, Requestor};
+use crate::port::pattern::requestor::Requestor;
 use crate::profile::plan::{ConnectionPlan, OnGone, PortKind};
 
 /// A client, its server, and whether the server's successor is asked again.
@@ -39,13 +38,10 @@ fn link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<C
     let client = slots.get(from.slot.as_str()).and_then(|placed| placed.slot.requestor(&from.port));
     let server = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.provider(&to.port));
     let (client, server) = client.zip(server).ok_or_else(|| no_such_port(connection))?;
-    compare(connection, (client.request, client.answer), (server.request, server.answer))?;
+    compare(connection, client.objects, server.objects)?;
     let retry = connection.on_gone.map(|on_gone| on_gone == OnGone::Retry);
     Ok(CallLink { from: Arc::clone(client), to: Arc::clone(server), retry })
 }
-
-/// Request and answer of a port.
-type Objects = (&'static TypeDescriptor, &'static TypeDescriptor);
 
 /// Holds the objects of a client against those of its server.
 ///
@@ -53,10 +49,15 @@ type Objects = (&'static TypeDescriptor, &'static TypeDescriptor);
 /// Where they differ, with both sides.
 pub(super) fn compare(connection: &ConnectionPlan, asked: Objects, served: Objects) -> Result<(), String> {
     let (from, to) = (&connection.source, &connection.target);
-    requestor::difference(asked, served).map_or(Ok(()), |difference| {
+    asked.difference(&served).map_or(Ok(()), |difference| {
         Err(format!(
-            "{}.{} asks {} for {}, {}.{} answers {} with {}: {difference}; build both plugins against the same definition",
-            from.slot, from.port, asked.0.name, asked.1.name, to.slot, to.port, served.0.name, served.1.name
+            "{}.{} {}, {}.{} {}: {difference}; build both plugins against the same definition",
+            from.slot,
+            from.port,
+            asked.asked(),
+            to.slot,
+            to.port,
+            served.served()
         ))
     })
 }

@@ -119,7 +119,7 @@ pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Ve
             PortKind::Service => {
                 let client = source.requestors.iter().find(|port| port.name == from.port)?;
                 let server = target.providers.iter().find(|port| port.name == to.port)?;
-                services::compare(connection, (client.request, client.answer), (server.request, server.answer))
+                services::compare(connection, client.objects, server.objects)
             }
             PortKind::Event => Ok(()),
         };

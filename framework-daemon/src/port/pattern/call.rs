@@ -1,9 +1,12 @@
-//! One question and its answer. The memory is the client's port's, made once and used again.
+//! One question and its answer, or one message, which has none. The memory is the client's port's, made once and used again.
 //!
 //! | word | written by | states |
 //! |---|---|---|
-//! | client | the client's callbacks | `Free -> Loan -> Sent -> (Lent ->) Free` |
+//! | client | the client's callbacks | `Free -> Loan -> Sent -> (Lent ->) Free`; of a message `Free -> Loan -> Free` |
 //! | server | who holds the call: the client until it is sent, then whoever takes it from the provider's queue | `None -> Queued -> Taken -> Over(code)` |
+//!
+//! A message is the server's from the moment in which it is queued: the client does not look at it again, and whether it
+//! is still connected, or there, does not matter any more.
 //!
 //! A call is used anew when the client's word is `Free` and the server's `None` or `Over`: nobody else touches it then.
 //! Both words carry the generation, so that a number of an earlier use fits neither.
@@ -14,6 +17,7 @@ use std::sync::{Arc, OnceLock};
 use component_sdk::object::TypeDescriptor;
 use component_sdk::status::Status;
 
+use super::objects::Objects;
 use crate::port::block::Block;
 use crate::sys::bell::{Ring, Signal};
 
@@ -187,12 +191,19 @@ pub(super) struct Client {
     /// Counts connections and instances: an answer to an earlier one has nobody left to go to.
     epoch: AtomicU32,
     signal: OnceLock<Arc<Signal>>,
+    /// Its calls are messages.
+    one_way: bool,
 }
 
 impl Client {
-    pub(super) fn new(request: &'static TypeDescriptor, answer: &'static TypeDescriptor, calls: usize) -> Arc<Self> {
-        let calls = (0..calls).map(|_| Call::new(request, answer)).collect();
-        Arc::new(Self { calls, epoch: AtomicU32::new(0), signal: OnceLock::new() })
+    pub(super) fn new(objects: Objects, calls: usize) -> Arc<Self> {
+        let calls = (0..calls).map(|_| Call::new(objects.request, objects.answer())).collect();
+        let one_way = objects.is_one_way();
+        Arc::new(Self { calls, epoch: AtomicU32::new(0), signal: OnceLock::new(), one_way })
+    }
+
+    pub(super) const fn is_one_way(&self) -> bool {
+        self.one_way
     }
 
     pub(super) fn listen(&self, signal: Arc<Signal>) {
@@ -244,12 +255,12 @@ impl Ticket {
 
     /// The client has left: its connection or its instance is another one.
     pub(super) fn is_left(&self) -> bool {
-        self.call().epoch() != self.client.epoch()
+        !self.client.one_way && self.call().epoch() != self.client.epoch()
     }
 
-    /// The client still wants the answer.
+    /// The client still wants the answer; a message was handed over.
     pub(super) fn is_wanted(&self) -> bool {
-        !self.is_left() && self.call().is_client(self.generation, ClientState::Sent)
+        self.client.one_way || (!self.is_left() && self.call().is_client(self.generation, ClientState::Sent))
     }
 
     /// A server takes it in hand.
@@ -265,6 +276,8 @@ impl Ticket {
     /// Ends the call: with the answer that lies in its block, or with a status.
     pub(super) fn end(self, code: u32) {
         self.call().end(self.generation, code);
-        self.client.ring();
+        if !self.client.one_way {
+            self.client.ring();
+        }
     }
 }

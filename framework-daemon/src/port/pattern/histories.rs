@@ -10,20 +10,22 @@ use component_sdk::object::CommObject;
 use component_sdk::status::Status;
 use proptest::prelude::*;
 
+use super::objects::Objects;
 use super::provider::{Openness, Provider};
 use super::requestor::{Requestor, Room};
 use crate::port::wait::{NotHere, Place, Waiter};
 use crate::sys::clock;
 
 const PENDING: usize = 3;
+const OBJECTS: Objects = Objects { request: u64::DESCRIPTOR, answer: Some(u64::DESCRIPTOR) };
 
 fn requestor(waiter: &Arc<Waiter>) -> Requestor {
     let room = Room { pending: PENDING, timeout_ns: 1_000_000_000, retry: false };
-    Requestor::new("scan", u64::DESCRIPTOR, u64::DESCRIPTOR, room, Arc::clone(waiter))
+    Requestor::new("scan", OBJECTS, room, Arc::clone(waiter))
 }
 
 fn provider(room: usize) -> Arc<Provider> {
-    Arc::new(Provider::new("scans", u64::DESCRIPTOR, u64::DESCRIPTOR, room, Waiter::new()))
+    Arc::new(Provider::new("scans", OBJECTS, room, Waiter::new()))
 }
 
 /// A connected pair, serving.
@@ -183,7 +185,7 @@ fn where_nobody_may_wait_the_wait_is_cancelled() {
 fn a_ring_of_waiting_slots_is_found() {
     let (one, two) = (Waiter::new(), Waiter::new());
     let server = |waiter: &Arc<Waiter>| {
-        let server = Arc::new(Provider::new("s", u64::DESCRIPTOR, u64::DESCRIPTOR, 4, Arc::clone(waiter)));
+        let server = Arc::new(Provider::new("s", OBJECTS, 4, Arc::clone(waiter)));
         server.set_open(Openness::Serving);
         server
     };
@@ -246,7 +248,8 @@ fn a_full_inbox_refuses_and_full_hands_take_no_more() {
 #[test]
 fn objects_that_differ_are_refused_with_both_sides_and_leave_the_port_disconnected() {
     let (client, _server) = pair();
-    let other = Arc::new(Provider::new("other", u64::DESCRIPTOR, f64::DESCRIPTOR, 4, Waiter::new()));
+    let other =
+        Arc::new(Provider::new("other", Objects { answer: Some(f64::DESCRIPTOR), ..OBJECTS }, 4, Waiter::new()));
     let refusal = client.connect(&other, None).unwrap_err();
     assert!(refusal.contains("answer") && refusal.contains("client") && refusal.contains("server"), "{refusal}");
     assert_eq!(request(&client, 1), Err(Status::Disconnected));

@@ -2,11 +2,21 @@
 //!
 //! `requestor (client's end) -> call (one question, its two blocks) -> provider (server's end) -> call -> requestor`.
 //!
+//! A message is a call without an answer: the server gives its block back when its handler is done. A queue of blocks
+//! between outputs and inputs was the alternative: it would be a third way to find a full queue, to wait for a successor and
+//! to tell who stopped.
+//!
 //! A call has two words, each written by one side only, so that neither needs a lock to see how far the other is. A
 //! single word with compare-and-swap was the alternative: six atomic operations a query, for an exclusion that the
 //! pattern gives anyhow, because client and server hold a call in turn.
 
 mod call;
+
+/// What goes over a connection.
+pub mod objects;
+
+/// Servers that take what comes in by themselves.
+mod pull;
 
 /// The server's end.
 pub mod provider;
@@ -15,3 +25,4 @@ pub mod provider;
 pub mod requestor;
 
 mod histories;
+mod messages;

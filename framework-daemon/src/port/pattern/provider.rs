@@ -1,4 +1,4 @@
-//! The server's end of queries: a bounded inbox that any client fills, and the calls that its instance has in hand.
+//! The server's end of queries and messages: a bounded inbox that any client fills, and the calls that its instance has in hand.
 //!
 //! All but `admit` and `replace` belongs to the thread of the slot's executor.
 
@@ -7,12 +7,13 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use component_sdk::abi::calls::{Lent, ServeArgs, ServeKind};
 use component_sdk::abi::payload::PortHandle;
-use component_sdk::object::TypeDescriptor;
 use component_sdk::status::Status;
 use crossbeam_queue::ArrayQueue;
 
 use super::call::Ticket;
+use super::objects::Objects;
 use crate::model::limits::INBOX_MAX;
+use crate::port::gate::Gate;
 use crate::port::wait::Waiter;
 use crate::sys::bell::{Ring, Signal};
 
@@ -81,10 +82,12 @@ impl Held {
 pub struct Provider {
     /// Name.
     pub name: String,
-    /// What is asked.
-    pub request: &'static TypeDescriptor,
-    /// What is answered.
-    pub answer: &'static TypeDescriptor,
+    /// What is asked and answered, or sent.
+    pub objects: Objects,
+    /// The component has a handler; one without takes its calls by itself.
+    has_handler: bool,
+    /// Whether it may wait for them.
+    pub(super) gate: Gate,
     pub(super) waiter: Arc<Waiter>,
     inbox: ArrayQueue<Ticket>,
     held: Box<[Held]>,
@@ -104,18 +107,13 @@ pub struct Provider {
 impl Provider {
     /// One that is not open yet, with room for that many calls that wait and as many in hand.
     #[must_use]
-    pub fn new(
-        name: &str,
-        request: &'static TypeDescriptor,
-        answer: &'static TypeDescriptor,
-        room: usize,
-        waiter: Arc<Waiter>,
-    ) -> Self {
+    pub fn new(name: &str, objects: Objects, room: usize, waiter: Arc<Waiter>) -> Self {
         let room = room.clamp(1, INBOX_MAX);
         Self {
             name: name.to_owned(),
-            request,
-            answer,
+            objects,
+            has_handler: true,
+            gate: Gate::default(),
             waiter,
             inbox: ArrayQueue::new(room),
             held: (0..room).map(|_| Held::default()).collect(),
@@ -128,6 +126,17 @@ impl Provider {
             signal: OnceLock::new(),
             refused: AtomicU64::new(0),
         }
+    }
+
+    /// The same, for a component that takes its calls by itself.
+    #[must_use]
+    pub fn without_handler(mut self) -> Self {
+        self.has_handler = false;
+        self
+    }
+
+    pub(super) const fn has_handler(&self) -> bool {
+        self.has_handler
     }
 
     /// Says who is rung when a call comes in; once.
@@ -172,24 +181,33 @@ impl Provider {
         Ok(())
     }
 
-    fn ring(&self) {
+    pub(super) fn ring(&self) {
         if let Some(signal) = self.signal.get() {
-            signal.ring(Ring::Serve);
+            signal.ring(if self.has_handler { Ring::Serve } else { Ring::Wait });
         }
     }
 
-    /// True when a call waits that can be taken in hand.
+    /// True when a call waits for a handler that can be entered.
     #[must_use]
     pub fn waits(&self) -> bool {
+        self.has_handler && self.has_calls()
+    }
+
+    fn has_calls(&self) -> bool {
         self.again.load(Ordering::Relaxed) > 0 || (!self.inbox.is_empty() && self.has_room())
     }
 
-    fn has_room(&self) -> bool {
+    pub(super) fn has_room(&self) -> bool {
         (self.in_hand.load(Ordering::Relaxed) as usize) < self.held.len()
     }
 
-    /// The next call to be served, in hand from now on; `None`: nothing waits, or the hands are full.
+    /// The next call to be served by a handler, in hand from now on; `None`: nothing waits, or the hands are full.
     pub fn next(&self) -> Option<ServeArgs> {
+        if self.has_handler { self.take() } else { None }
+    }
+
+    /// The next call, in hand from now on.
+    pub(super) fn take(&self) -> Option<ServeArgs> {
         if self.again.load(Ordering::Relaxed) > 0
             && let Some(args) = self.next_again()
         {
@@ -232,7 +250,8 @@ impl Provider {
 
     fn args(&self, id: u64, request: *const u8) -> ServeArgs {
         let port = PortHandle(std::ptr::without_provenance(self.handle.load(Ordering::Acquire)));
-        ServeArgs { port, what: ServeKind::Request, id, value: request }
+        let what = if self.objects.is_one_way() { ServeKind::Message } else { ServeKind::Request };
+        ServeArgs { port, what, id, value: request }
     }
 
     fn free_place(&self) -> Option<usize> {
@@ -332,7 +351,7 @@ impl Provider {
         self.open.store(open as u8, Ordering::SeqCst);
         match open.refusal() {
             Some(status) => self.let_all_go(status),
-            None if self.waits() => self.ring(),
+            None if self.has_calls() => self.ring(),
             None => {}
         }
     }
@@ -359,7 +378,7 @@ impl Provider {
                 self.let_go(held, Status::ProviderGone);
             }
         }
-        if self.waits() {
+        if self.has_calls() {
             self.ring();
         }
     }

@@ -1,4 +1,4 @@
-//! The client's end of queries: its calls, its connection, its waits.
+//! The client's end of queries and messages: its calls, its connection, its waits.
 //!
 //! Every wait is a loop over conditions on the fiber that asked. The executor knows none of them: it resumes a fiber
 //! that was rung for or whose time is over.
@@ -8,10 +8,10 @@ use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, AtomicUsize
 use std::sync::{Arc, Mutex, PoisonError};
 
 use component_sdk::abi::calls::{Lent, Wait, Whose};
-use component_sdk::object::TypeDescriptor;
 use component_sdk::status::Status;
 
 use super::call::{Call, Client, ClientState, Look, Ticket};
+use super::objects::Objects;
 use super::provider::Provider;
 use crate::model::limits::{DURATION_MAX, PENDING_MAX};
 use crate::model::time::nanoseconds;
@@ -23,10 +23,8 @@ use crate::sys::bell::Signal;
 pub struct Requestor {
     /// Name.
     pub name: String,
-    /// What is asked.
-    pub request: &'static TypeDescriptor,
-    /// What is answered.
-    pub answer: &'static TypeDescriptor,
+    /// What is asked and answered, or sent.
+    pub objects: Objects,
     client: Arc<Client>,
     /// Where calls go; null: nowhere.
     link: AtomicPtr<Provider>,
@@ -56,18 +54,11 @@ pub struct Room {
 impl Requestor {
     /// An unconnected one.
     #[must_use]
-    pub fn new(
-        name: &str,
-        request: &'static TypeDescriptor,
-        answer: &'static TypeDescriptor,
-        room: Room,
-        waiter: Arc<Waiter>,
-    ) -> Self {
+    pub fn new(name: &str, objects: Objects, room: Room, waiter: Arc<Waiter>) -> Self {
         Self {
             name: name.to_owned(),
-            request,
-            answer,
-            client: Client::new(request, answer, room.pending.clamp(1, PENDING_MAX)),
+            objects,
+            client: Client::new(objects, room.pending.clamp(1, PENDING_MAX)),
             link: AtomicPtr::new(std::ptr::null_mut()),
             known: Mutex::default(),
             retry: AtomicBool::new(false),
@@ -142,7 +133,7 @@ impl Requestor {
     /// Where the objects of the two ends differ, in words.
     #[must_use]
     pub fn difference(&self, provider: &Provider) -> Option<String> {
-        difference((self.request, self.answer), (provider.request, provider.answer))
+        self.objects.difference(&provider.objects)
     }
 
     /// The gate of the slot: closed, waits end and begin no more.
@@ -198,7 +189,13 @@ impl Requestor {
         call.request.fill(0);
         let sent = self.hand_over(call, generation, index);
         match sent {
-            Ok(()) => _ = self.asked.fetch_add(1, Ordering::Relaxed),
+            Ok(()) => {
+                self.asked.fetch_add(1, Ordering::Relaxed);
+                if self.client.is_one_way() {
+                    // The server's from now on.
+                    call.set_client(generation, ClientState::Free);
+                }
+            }
             Err(_) => self.give_up(call, generation),
         }
         sent
@@ -336,20 +333,4 @@ impl Drop for Requestor {
     fn drop(&mut self) {
         self.client.abandon();
     }
-}
-
-/// Where request and answer of two ends differ, in words.
-#[must_use]
-pub fn difference(
-    client: (&'static TypeDescriptor, &'static TypeDescriptor),
-    server: (&'static TypeDescriptor, &'static TypeDescriptor),
-) -> Option<String> {
-    let parts = [("request", client.0, server.0), ("answer", client.1, server.1)];
-    parts.into_iter().find_map(|(part, asked, served)| {
-        let difference = asked.difference(served)?;
-        Some(format!(
-            "the {part} is {} at the client and {} at the server, and their layouts differ: {difference}",
-            asked.name, served.name
-        ))
-    })
 }

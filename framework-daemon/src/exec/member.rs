@@ -272,7 +272,7 @@ impl Member {
 
     fn finish(&mut self, took_ns: u64, crew: &mut Crew) {
         if self.strand.job == Job::Serve {
-            return self.served(crew);
+            return self.answer_side_report(crew);
         }
         self.completed(took_ns, crew);
         // It took one value of several: the others are news, too. One that takes nothing is not asked again.
@@ -300,9 +300,13 @@ impl Member {
         self.let_in();
     }
 
-    /// It waits no longer: what was rung for meanwhile is looked at.
+    /// Its callback is done, however it ended: what was rung for meanwhile is looked at, and the next request has its turn
+    /// after all others that wait for this executor.
     pub(super) fn let_in(&mut self) {
         self.signal.ring_again(self.strand.release());
+        if self.slot.providers.iter().any(|port| port.waits()) {
+            self.signal.ring(Ring::Serve);
+        }
     }
 
     fn queued(&self) -> usize {

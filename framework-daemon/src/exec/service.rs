@@ -7,7 +7,6 @@ use super::member::{Crew, Member};
 use super::slot::Slot;
 use super::strand::Job;
 use crate::port::pattern::provider::Openness;
-use crate::sys::bell::Ring;
 
 impl Member {
     /// Enters the handler of a request, if one waits.
@@ -19,14 +18,6 @@ impl Member {
         let now_ns = crew.now_ns();
         let result = self.undertake(Job::Serve, Call { serve, ..Call::at(Hook::Serve, now_ns) }, crew);
         self.after(&result, now_ns, crew);
-    }
-
-    /// A handler is done: the next request has its turn after all others that wait for this executor.
-    pub(super) fn served(&mut self, crew: &mut Crew) {
-        self.answer_side_report(crew);
-        if self.slot.providers.iter().any(|port| port.waits()) {
-            self.signal.ring(Ring::Serve);
-        }
     }
 }
 

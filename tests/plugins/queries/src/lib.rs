@@ -25,7 +25,7 @@ macro_rules! query_cases {
             component_blocking_reaches_every_requestor, three_gates_all_must_be_open, data_wins_over_the_gate, it_is_a_level, flags_not_counters, blocking_has_no_effect_on_request,
             disconnect_before_the_answer_client, disconnect_before_the_answer_server, answer_then_disconnect_then_receive,
             reconnect_does_not_revive_old_ids, cycle_of_two_is_answered, own_service_is_a_cycle, a_large_number_of_queries_loses_nothing,
-            handler_panic_is_contained_and_client_released, retry_asks_the_successor_once_each, server_crash_next_call,
+            handler_panic_is_contained_and_client_released, queued_calls_survive_a_panic, retry_asks_the_successor_once_each, server_crash_next_call,
             queued_calls_survive_a_replacement, server_crash_releases_the_waiter, handler_hang_is_ended_and_client_released,
         }
     };

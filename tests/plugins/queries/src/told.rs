@@ -301,6 +301,13 @@ fn handler_panic_is_contained_and_client_released(asker: &mut Asker, _: &mut Con
     same(number(asker.tell.receive_wait(kept)), Ok(2))
 }
 
+fn queued_calls_survive_a_panic(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
+    let panics = text(asker.tell.request(ask(todo::PANIC, 1)))?;
+    let queued = text(asker.tell.request(ask(todo::ANSWER, 1)))?;
+    same(number(asker.tell.receive_wait(queued)), Ok(2))?;
+    same(number(asker.tell.receive_wait(panics)), Err(Status::Error))
+}
+
 fn server_crash_releases_the_waiter(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
     same(number(asker.tell.query(ask(todo::TRAP, 1))), Err(Status::ProviderGone))
 }

@@ -345,10 +345,10 @@ impl Provider {
     /// Whether it answers from now on. Whoever waits for one that does not is told so. Not while a handler is entered or
     /// waits: it would lose its request under its hands.
     pub fn set_open(&self, open: Openness) {
-        if self.openness() == Openness::Replaced {
+        let stays = |before: u8| (before != Openness::Replaced as u8).then_some(open as u8);
+        if self.open.fetch_update(Ordering::SeqCst, Ordering::SeqCst, stays).is_err() {
             return self.let_all_go(Status::ProviderReplaced);
         }
-        self.open.store(open as u8, Ordering::SeqCst);
         match open.refusal() {
             Some(status) => self.let_all_go(status),
             None if self.has_calls() => self.ring(),

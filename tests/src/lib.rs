@@ -23,3 +23,6 @@ pub mod running;
 
 /// A long life under fault load.
 pub mod soak;
+
+/// Random interleavings of the communication patterns.
+pub mod sim;

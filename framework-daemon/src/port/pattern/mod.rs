@@ -24,5 +24,5 @@ pub mod provider;
 /// The client's end.
 pub mod requestor;
 
-mod histories;
 mod messages;
+mod waits;

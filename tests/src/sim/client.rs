@@ -1,0 +1,342 @@
+//! A client's operations, and what must come of them.
+#![allow(unsafe_code, reason = "the simulation plays the plugins, which write and read through the pointers")]
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use component_sdk::abi::calls::{Lent, Wait as Time, Whose};
+use component_sdk::status::Status;
+
+use super::model::{Call, Wait, refusal};
+use super::script::{Actor, Way};
+use super::world::{Here, NO_DEADLINE_NS};
+
+/// What the answer to a question is.
+const fn answer_to(number: u64) -> u64 {
+    number * 3 + 1
+}
+
+/// What a wait must end with.
+type End = Result<u64, Status>;
+
+impl Actor<'_> {
+    /// A request on loan; `None`: there was none, as it must be.
+    fn loan(&self, port: usize) -> Option<Lent> {
+        let lent = self.ends.requestors[port].loan();
+        let mut model = self.world.model();
+        let loans = &mut model.slots[self.slot].instance.loans;
+        loans.push((port, lent.id));
+        let loans = loans.iter().filter(|(on, _)| *on == port).count();
+        let is_full = model.used((self.ends.life, port), loans - 1) >= self.world.pending;
+        if is_full || lent.status != 0 {
+            model.slots[self.slot].instance.loans.pop();
+        }
+        drop(model);
+        let must = if is_full { Status::Overload.code() } else { 0 };
+        self.world.same(|| format!("slot {}, a loan of port {port}", self.slot), lent.status, must);
+        (lent.status == 0 && !is_full).then_some(lent)
+    }
+
+    fn forget_loan(&self, port: usize, id: u64) {
+        self.world.model().slots[self.slot].instance.loans.retain(|loan| *loan != (port, id));
+    }
+
+    /// A request on loan is given back, filled or not.
+    pub(super) fn loan_and_discard(&self, port: usize) {
+        let Some(lent) = self.loan(port) else { return };
+        self.give_way();
+        // SAFETY: lent for a `u64`, to this borrower.
+        unsafe { lent.value.cast::<u64>().write(u64::MAX) };
+        self.forget_loan(port, lent.id);
+        self.world.same(|| "discarding a loan".to_owned(), self.ends.requestors[port].discard(lent.id), Ok(()));
+        self.world.model().slots[self.slot].instance.stale.push((port, lent.id));
+    }
+
+    /// What sending must come to now.
+    fn sending(&self, port: usize) -> Result<(), Status> {
+        let model = self.world.model();
+        let link = model.slots[self.slot].links[port].ok_or(Status::Disconnected)?;
+        let provider = &model.providers[link.to];
+        refusal(provider.open).map_or(Ok(()), Err)?;
+        if provider.queue.len() >= provider.room { Err(Status::Overload) } else { Ok(()) }
+    }
+
+    /// A request, filled; its number at the client and in the model.
+    fn filled(&self, port: usize) -> Option<(u64, u64)> {
+        let lent = self.loan(port)?;
+        if self.world.dice.once_in(8) {
+            self.give_way();
+        }
+        let number = {
+            let mut model = self.world.model();
+            model.last += 1;
+            model.last
+        };
+        // SAFETY: as in `loan_and_discard`.
+        unsafe { lent.value.cast::<u64>().write(number) };
+        Some((lent.id, number))
+    }
+
+    /// It is on its way: what the model knows of it.
+    fn enter(&self, port: usize, number: u64) {
+        let mut model = self.world.model();
+        let Some(link) = model.slots[self.slot].links[port] else { return };
+        let call = Call {
+            from: (self.ends.life, port),
+            retry: link.retry,
+            left: false,
+            wanted: true,
+            ticket: true,
+            fate: None,
+        };
+        model.calls.insert(number, call);
+        model.providers[link.to].queue.push_back(number);
+    }
+
+    /// Sends a question and goes on.
+    pub(super) fn request(&self, port: usize) {
+        let Some((id, number)) = self.filled(port) else { return };
+        let must = self.sending(port);
+        self.forget_loan(port, id);
+        if must.is_ok() {
+            self.enter(port, number);
+        }
+        let sent = self.ends.requestors[port].send(id);
+        self.world.tell(|| format!("slot {} port {port}: request {number} -> {sent:?}", self.slot));
+        self.world.count(if sent.is_ok() { "requests" } else { "requests refused" });
+        self.world.same(|| format!("request {number}"), sent, must);
+        let mut model = self.world.model();
+        let instance = &mut model.slots[self.slot].instance;
+        match sent {
+            Ok(()) => instance.open.push((port, id, number)),
+            Err(_) => instance.stale.push((port, id)),
+        }
+    }
+
+    /// Sends a question and waits for the answer.
+    pub(super) fn query(&self, port: usize) {
+        let Some((id, number)) = self.filled(port) else { return };
+        let (must, time) = (self.sending(port), self.time());
+        self.forget_loan(port, id);
+        self.world.count("queries");
+        let here = Here { world: self.world, waited: AtomicBool::new(false) };
+        if let Err(status) = must {
+            let lent = self.ends.requestors[port].ask(id, time, &here);
+            self.world.same(|| format!("query {number}"), lent.status, status.code());
+            self.world.model().slots[self.slot].instance.stale.push((port, id));
+            return;
+        }
+        self.enter(port, number);
+        self.world.tell(|| format!("slot {} port {port}: query {number}", self.slot));
+        let before = self.before(port, number, time);
+        let lent = self.ends.requestors[port].ask(id, time, &here);
+        let end = self.after(port, number, &before, &lent, here.waited.load(Ordering::Relaxed));
+        if end.is_err() {
+            // Whatever it was, the question is over.
+            self.world.model().let_go(number);
+            self.world.model().slots[self.slot].instance.stale.push((port, id));
+            self.world.same(|| "a query that ended".to_owned(), self.look(port, id), Err(Status::WrongId));
+        }
+    }
+
+    fn look(&self, port: usize, id: u64) -> Result<(), Status> {
+        let lent = self.ends.requestors[port].receive(id, Time::NONE, &Self::never);
+        if lent.status == 0 { Ok(()) } else { Err(Status::from_code(lent.status)) }
+    }
+
+    #[allow(clippy::unnecessary_wraps, reason = "a place in which nobody waits")]
+    fn never(_: u64) -> Result<(), framework_daemon::port::wait::NotHere> {
+        Err(framework_daemon::port::wait::NotHere)
+    }
+
+    fn time(&self) -> Time {
+        if self.world.deadlines { Time(1 + self.world.dice.below(2_000) as u64) } else { Time(NO_DEADLINE_NS) }
+    }
+
+    /// Looks for an answer, or waits for it.
+    pub(super) fn receive(&self, nth: usize, waits: bool) {
+        let open = {
+            let model = self.world.model();
+            let open = &model.slots[self.slot].instance.open;
+            open.get(nth % open.len().max(1)).copied()
+        };
+        let Some((port, id, number)) = open else { return };
+        let time = if waits { self.time() } else { Time::NONE };
+        self.world.count(if waits { "waits" } else { "looks" });
+        self.world.tell(|| format!("slot {} port {port}: receive {number}, {time:?}", self.slot));
+        let here = Here { world: self.world, waited: AtomicBool::new(false) };
+        let before = self.before(port, number, time);
+        let lent = self.ends.requestors[port].receive(id, time, &here);
+        let end = self.after(port, number, &before, &lent, here.waited.load(Ordering::Relaxed));
+        let keeps = matches!(end, Err(Status::NoData | Status::Cancelled | Status::Timeout | Status::Cycle));
+        if keeps || end.is_ok() {
+            return;
+        }
+        let mut model = self.world.model();
+        let instance = &mut model.slots[self.slot].instance;
+        instance.open.retain(|open| open.2 != number);
+        instance.stale.push((port, id));
+        model.let_go(number);
+    }
+
+    /// What must come of a wait that begins now; `Err(NoData)`: it begins to wait, or would.
+    fn before(&self, port: usize, number: u64, time: Time) -> Before {
+        let mut model = self.world.model();
+        let now_ns = self.world.now_ns();
+        let slot = &model.slots[self.slot];
+        let (gates, link, ending) = (slot.gates[port], slot.links[port], slot.ending);
+        let closings = gates.closings;
+        let at_once = if let Some(end) = model.calls.get(&number).and_then(Call::end) {
+            Some(end)
+        } else if time == Time::NONE {
+            Some(Err(Status::NoData))
+        } else if !gates.let_wait(closings) {
+            Some(Err(Status::Cancelled))
+        } else if link.is_some_and(|link| model.is_cycle(self.ends.life, link.to)) {
+            Some(Err(Status::Cycle))
+        } else if ending {
+            Some(Err(Status::Cancelled))
+        } else {
+            None
+        };
+        let until_ns = now_ns.saturating_add(time.0);
+        if at_once.is_none() {
+            model.waits_for[self.ends.life] = link.map(|link| link.to);
+            model.slots[self.slot].wait = Some(Wait { port, number, until_ns, closings });
+        }
+        Before { at_once, closings, until_ns }
+    }
+
+    /// What came of it, compared with what must come of it now.
+    fn after(&self, port: usize, number: u64, before: &Before, lent: &Lent, waited: bool) -> End {
+        let mut model = self.world.model();
+        model.waits_for[self.ends.life] = None;
+        let slot = &mut model.slots[self.slot];
+        slot.wait = None;
+        let (gates, ending) = (slot.gates[port], slot.ending);
+        let end_now = model.calls.get(&number).and_then(Call::end);
+        drop(model);
+        let must = before.at_once.unwrap_or_else(|| {
+            end_now.unwrap_or_else(|| {
+                if !gates.let_wait(before.closings) {
+                    return Err(Status::Cancelled);
+                }
+                if self.world.now_ns() >= before.until_ns {
+                    return Err(Status::Timeout);
+                }
+                Err(if ending { Status::Cancelled } else { Status::NoData })
+            })
+        });
+        let is = if lent.status == 0 { Ok(Self::value(lent)) } else { Err(Status::from_code(lent.status)) };
+        self.world.tell(|| format!("slot {} port {port}: {number} -> {is:?}", self.slot));
+        self.world.same(|| format!("what came of {number}"), is, must);
+        if before.at_once.is_some() && waited && must != Err(Status::Cancelled) {
+            self.world.wrong(format!("{number} was waited for, though {must:?} was known"));
+        }
+        self.world.count(outcome(is));
+        if is.is_ok() {
+            self.world.same(|| format!("the answer to {number}"), is, Ok(answer_to(number)));
+            self.read(port, lent, number);
+        }
+        is
+    }
+
+    /// An answer that is lent.
+    fn value(lent: &Lent) -> u64 {
+        // SAFETY: it is valid until it is released.
+        unsafe { *lent.value.cast::<u64>() }
+    }
+
+    /// Reads an answer, for some time, and gives it back.
+    fn read(&self, port: usize, lent: &Lent, number: u64) {
+        self.world.model().slots[self.slot].instance.open.retain(|open| open.2 != number);
+        if self.world.dice.once_in(4) {
+            self.world.model().slots[self.slot].instance.lent.push((port, lent.id, number));
+            self.ramble(2);
+            if self.way_is(Way::Trapped) {
+                return;
+            }
+            let again = Self::value(lent);
+            self.world.same(|| format!("the answer to {number} while it is read"), again, answer_to(number));
+            self.world.model().slots[self.slot].instance.lent.retain(|lent| lent.2 != number);
+        }
+        self.ends.requestors[port].release(lent.id);
+        let mut model = self.world.model();
+        model.let_go(number);
+        model.slots[self.slot].instance.stale.push((port, lent.id));
+    }
+
+    /// Gives a question up.
+    pub(super) fn discard(&self, nth: usize) {
+        let mut model = self.world.model();
+        let open = &mut model.slots[self.slot].instance.open;
+        if open.is_empty() {
+            return;
+        }
+        let (port, id, number) = open.remove(nth % open.len());
+        model.let_go(number);
+        model.slots[self.slot].instance.stale.push((port, id));
+        drop(model);
+        self.world.tell(|| format!("slot {} port {port}: discard {number}", self.slot));
+        self.world.count("discards");
+        self.world.same(|| format!("discarding {number}"), self.ends.requestors[port].discard(id), Ok(()));
+    }
+
+    /// A number that is not good any more stays so.
+    pub(super) fn stale(&self, nth: usize) {
+        let stale = {
+            let mut model = self.world.model();
+            let stale = &mut model.slots[self.slot].instance.stale;
+            let excess = stale.len().saturating_sub(32);
+            stale.drain(..excess);
+            stale.get(nth % stale.len().max(1)).copied()
+        };
+        let Some((port, id)) = stale else { return };
+        let requestor = &self.ends.requestors[port];
+        self.world.same(|| "receiving by an old number".to_owned(), self.look(port, id), Err(Status::WrongId));
+        self.world.same(|| "discarding by an old number".to_owned(), requestor.discard(id), Err(Status::WrongId));
+        self.world.same(|| "sending by an old number".to_owned(), requestor.send(id), Err(Status::WrongId));
+        requestor.release(id);
+    }
+
+    /// Blocking on or off, for one port or for all.
+    pub(super) fn blocking(&self, port: usize, whose: Whose, on: bool) {
+        self.world.tell(|| format!("slot {} port {port}: blocking({on}) of {whose:?}", self.slot));
+        let ports = if whose == Whose::Port { port..port + 1 } else { 0..self.ends.requestors.len() };
+        for port in ports {
+            let mut model = self.world.model();
+            let gates = &mut model.slots[self.slot].gates[port];
+            *(if whose == Whose::Port { &mut gates.port } else { &mut gates.component }) = on;
+            gates.closings += u32::from(!on);
+            drop(model);
+            self.ends.requestors[port].blocking(whose, on);
+        }
+    }
+}
+
+/// What is known when a wait begins.
+struct Before {
+    at_once: Option<End>,
+    closings: u32,
+    until_ns: u64,
+}
+
+const fn outcome(end: End) -> &'static str {
+    match end {
+        Ok(_) => "answers",
+        Err(Status::NoData) => "no data",
+        Err(Status::Cancelled) => "cancelled",
+        Err(Status::Timeout) => "timeouts",
+        Err(Status::Cycle) => "cycles",
+        Err(Status::Disconnected) => "disconnected",
+        Err(Status::ProviderGone) => "provider gone",
+        Err(Status::ProviderStopped) => "provider stopped",
+        Err(Status::ProviderReplaced) => "provider replaced",
+        Err(Status::Error) => "unanswered",
+        Err(_) => "others",
+    }
+}
+
+/// What the server answers.
+pub(super) const fn told(number: u64) -> u64 {
+    answer_to(number)
+}

@@ -1,0 +1,212 @@
+//! Who runs next: the executors' loops, as `exec::executor` and `exec::member` have them, one stretch of a callback at a
+//! time.
+
+use std::sync::Arc;
+
+use component_sdk::abi::calls::ServeArgs;
+use framework_daemon::sys::bell::{Ring, Rings};
+use framework_daemon::sys::fiber::NEVER;
+use framework_daemon::sys::fiber_pool::{FiberPool, Progress, Ticket};
+
+use super::model::{InHand, State};
+use super::script::{Job, Script, Way};
+use super::world::World;
+
+const STACK_BYTES: usize = 256 << 10;
+
+/// A slot's callback that may wait.
+#[derive(Default)]
+pub(super) struct Strand {
+    waiting: Option<(Ticket, u64)>,
+    /// What was rung for meanwhile.
+    held: Rings,
+    serves: bool,
+}
+
+/// An executor.
+#[derive(Default)]
+struct Executor {
+    fibers: FiberPool,
+    /// Its thread is in the middle of a callback of this slot, and another thread runs.
+    busy: Option<(usize, Ticket)>,
+}
+
+/// All that run.
+pub(super) struct Executors {
+    pub(super) world: Arc<World>,
+    executors: Vec<Executor>,
+    strands: Vec<Strand>,
+    /// The callback that came to its end last did so by a trap.
+    pub(super) was_lost: bool,
+}
+
+impl Executors {
+    /// Those of that world.
+    #[must_use]
+    pub(super) fn new(world: &Arc<World>) -> Self {
+        let executors = world.bells.iter().map(|_| Executor::default()).collect();
+        let strands = world.slots.iter().map(|_| Strand::default()).collect();
+        Self { world: Arc::clone(world), executors, strands, was_lost: false }
+    }
+
+    fn executor(&self, slot: usize) -> usize {
+        self.world.model().slots[slot].executor
+    }
+
+    pub(super) fn state(&self, slot: usize) -> State {
+        self.world.model().slots[slot].state
+    }
+
+    /// Its executor's thread is not in the middle of a callback.
+    pub(super) fn is_free(&self, slot: usize) -> bool {
+        self.executors[self.executor(slot)].busy.is_none()
+    }
+
+    /// Its callback waits.
+    pub(super) fn waits(&self, slot: usize) -> bool {
+        self.strands[slot].waiting.is_some()
+    }
+
+    /// Until when.
+    pub(super) fn until_ns(&self, slot: usize) -> Option<u64> {
+        self.strands[slot].waiting.as_ref().map(|(_, until_ns)| *until_ns)
+    }
+
+    /// An executor does one thing; false: it has nothing to do.
+    pub(super) fn run(&mut self, executor: usize) -> bool {
+        self.world.bells[executor].adopt();
+        if let Some((slot, ticket)) = self.executors[executor].busy.take() {
+            let progress = self.executors[executor].fibers.go_on(ticket, NEVER, true);
+            self.settle(slot, progress);
+            return true;
+        }
+        let Some(life) = self.world.bells[executor].next_ready() else { return false };
+        let slot = self.world.model().slots.iter().position(|slot| slot.life == life);
+        if let Some(slot) = slot {
+            self.look(slot);
+        }
+        true
+    }
+
+    /// Looks at a slot that was rung for.
+    fn look(&mut self, slot: usize) {
+        let rings = self.world.ends(slot).signal.take();
+        let strand = &mut self.strands[slot];
+        if strand.waiting.is_some() {
+            strand.held = strand.held.and(rings.without(Ring::Wait));
+            if rings.has(Ring::Wait) {
+                self.go_on(slot, true);
+            }
+            return;
+        }
+        if rings.has(Ring::Serve) && self.state(slot) == State::Active {
+            self.serve(slot);
+        }
+    }
+
+    /// A period begins; false: not now.
+    pub(super) fn execute(&mut self, slot: usize) -> bool {
+        let is_idle = self.state(slot) == State::Active && !self.waits(slot) && self.is_free(slot);
+        if is_idle {
+            self.begin(slot, Job::Execute);
+        }
+        is_idle
+    }
+
+    #[allow(unsafe_code, reason = "the simulation plays the plugin, which reads the request")]
+    fn serve(&mut self, slot: usize) {
+        let ends = self.world.ends(slot);
+        let must = self.world.model().next(ends.life);
+        let is = ends.provider.next();
+        // SAFETY: the request of a call in hand.
+        let read = |args: &ServeArgs| unsafe { *args.value.cast::<u64>() };
+        let number = is.as_ref().map(read);
+        self.world.same(|| format!("the next call of slot {slot}"), number, must.map(|(number, _)| number));
+        let (Some(args), Some((number, before))) = (is, must) else { return };
+        if let Some(before) = before {
+            let kept_place = args.id as u32 == before as u32 && args.id != before;
+            self.world.same(|| format!("a number of its own for {number} asked again"), kept_place, true);
+            self.world.count("asked again");
+        }
+        self.world.model().providers[ends.life].hands.push(InHand { id: args.id, number, again: false });
+        self.world.count("served");
+        self.begin(slot, Job::Serve(args.id, number));
+    }
+
+    fn begin(&mut self, slot: usize, job: Job) {
+        let executor = self.executor(slot);
+        self.world.bells[executor].adopt();
+        self.strands[slot].serves = matches!(job, Job::Serve(..));
+        let (world, ends) = (Arc::clone(&self.world), self.world.ends(slot));
+        let script = Box::new(Script { world, slot, ends, job, way: Way::Returned });
+        match self.executors[executor].fibers.begin(STACK_BYTES, NEVER, true, script) {
+            Ok(progress) => self.settle(slot, Some(progress)),
+            Err(error) => self.world.wrong(format!("no fiber: {error}")),
+        }
+    }
+
+    /// Goes on with a callback that waits; where it may not wait any more, it comes to its end.
+    pub(super) fn go_on(&mut self, slot: usize, may_wait: bool) {
+        let executor = self.executor(slot);
+        self.world.bells[executor].adopt();
+        let Some((ticket, _)) = self.strands[slot].waiting.take() else { return };
+        let progress = self.executors[executor].fibers.go_on(ticket, NEVER, may_wait);
+        self.settle(slot, progress);
+    }
+
+    /// Nobody will go on with it.
+    pub(super) fn abandon(&mut self, slot: usize) {
+        let executor = self.executor(slot);
+        if let Some((ticket, _)) = self.strands[slot].waiting.take() {
+            self.executors[executor].fibers.abandon(ticket);
+            self.executors[executor].fibers.bury();
+        }
+    }
+
+    fn settle(&mut self, slot: usize, progress: Option<Progress>) {
+        let executor = self.executor(slot);
+        match progress {
+            Some(Progress::Waits(ticket, until_ns)) => {
+                if self.world.take_gave_way() {
+                    self.executors[executor].busy = Some((slot, ticket));
+                } else {
+                    self.strands[slot].waiting = Some((ticket, until_ns));
+                }
+            }
+            Some(Progress::Done(errand)) => {
+                let way = errand.into_any().downcast::<Script>().map(|script| script.way);
+                self.ended(slot, way.unwrap_or(Way::Returned));
+            }
+            Some(Progress::Trapped(_)) | None => self.world.wrong(format!("the fiber of slot {slot} is gone")),
+        }
+    }
+
+    fn ended(&mut self, slot: usize, way: Way) {
+        match way {
+            // Where it stops, whoever stops it sees to the rest.
+            Way::Trapped => self.trapped(slot),
+            Way::Returned | Way::Panicked if self.strands[slot].serves => {
+                let ends = self.world.ends(slot);
+                // The next request has its turn; a panic is no reason to forget it.
+                if ends.provider.waits() {
+                    ends.signal.ring(Ring::Serve);
+                }
+            }
+            Way::Returned | Way::Panicked => {}
+        }
+        self.let_in(slot);
+    }
+
+    /// It waits no longer: what was rung for meanwhile is looked at.
+    pub(super) fn let_in(&mut self, slot: usize) {
+        let held = std::mem::take(&mut self.strands[slot].held);
+        self.world.ends(slot).signal.ring_again(held);
+    }
+
+    /// All executors do what there is to do, and callbacks begin nothing.
+    pub(super) fn come_to_rest(&mut self) {
+        self.world.set_quiet(true);
+        while self.world.is_right() && (0..self.executors.len()).any(|executor| self.run(executor)) {}
+        self.world.set_quiet(false);
+    }
+}

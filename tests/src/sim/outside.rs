@@ -1,0 +1,252 @@
+//! What happens from outside: slots come, go and fail, connections change. Each real operation beside its model.
+
+use std::sync::Arc;
+
+use component_sdk::abi::calls::Whose;
+use component_sdk::status::Status;
+use framework_daemon::port::pattern::provider::Openness;
+use framework_daemon::port::pattern::requestor::Requestor;
+
+use super::executors::Executors;
+use super::model::{Gates, Instance, Link, PORTS, State, refusal};
+use super::world::World;
+
+/// Connects a port to a slot drawn by lot.
+pub(super) fn connect(world: &World, slot: usize, port: usize) {
+    let (to, retry) = (world.dice.below(world.slots.len()), world.dice.once_in(2));
+    let (own, other) = (world.ends(slot), world.ends(to));
+    let mut model = world.model();
+    let before = model.slots[slot].links[port];
+    if before.is_none_or(|link| link.to != other.life) {
+        model.leave((own.life, port));
+    }
+    model.slots[slot].links[port] = Some(Link { to: other.life, retry });
+    drop(model);
+    world.tell(|| format!("connect slot {slot} port {port} with slot {to}, retry: {retry}"));
+    let is = own.requestors[port].connect(&other.provider, Some(retry));
+    world.same(|| "connecting".to_owned(), is, Ok(()));
+    world.count("connections");
+}
+
+/// Cuts a port's connection.
+pub(super) fn disconnect(world: &World, slot: usize, port: usize) {
+    let own = world.ends(slot);
+    let mut model = world.model();
+    model.leave((own.life, port));
+    model.slots[slot].links[port] = None;
+    drop(model);
+    world.tell(|| format!("disconnect slot {slot} port {port}"));
+    own.requestors[port].disconnect();
+    world.count("disconnections");
+}
+
+/// Its slot is to be built anew: nobody is to wait for it any more.
+fn replace(world: &World, slot: usize) {
+    let ends = world.ends(slot);
+    let mut model = world.model();
+    model.providers[ends.life].open = Openness::Replaced;
+    model.clear_queue(ends.life, Status::ProviderReplaced);
+    drop(model);
+    world.tell(|| format!("slot {slot} is about to be replaced"));
+    ends.provider.replace();
+}
+
+impl Executors {
+    /// Everything is connected and started.
+    pub(super) fn set_up(&mut self) {
+        self.world.outside.adopt();
+        for slot in 0..self.world.slots.len() {
+            (0..PORTS).for_each(|port| connect(&self.world, slot, port));
+            self.start(slot);
+        }
+    }
+
+    /// Something drawn by lot; false: there was nothing to it.
+    pub(super) fn interfere(&mut self) -> bool {
+        self.world.outside.adopt();
+        let dice = &self.world.dice;
+        let (slot, port) = (dice.below(self.world.slots.len()), dice.below(PORTS));
+        let (state, is_free) = (self.state(slot), self.is_free(slot));
+        match dice.below(32) {
+            0..12 => connect(&self.world, slot, port),
+            12..15 => disconnect(&self.world, slot, port),
+            15 if dice.once_in(4) => replace(&self.world, slot),
+            16..32 if is_free && state == State::Stopped => self.start(slot),
+            16..24 if is_free && state == State::Breathing => self.breathe_out(slot),
+            16..19 if is_free && state == State::Active => self.stop(slot),
+            19..22 if is_free && state == State::Active => self.fail_astray(slot),
+            22 if is_free && dice.once_in(2) => self.rebuild(slot),
+            23 => self.close_for_a_moment(slot, port),
+            _ => return false,
+        }
+        true
+    }
+
+    fn set_state(&self, slot: usize, state: State) {
+        self.world.tell(|| format!("slot {slot} is {state:?}"));
+        self.world.model().slots[slot].state = state;
+    }
+
+    /// `start`.
+    fn start(&self, slot: usize) {
+        self.set_blocking(slot, true);
+        self.set_state(slot, State::Active);
+        self.begin_work(slot);
+    }
+
+    fn begin_work(&self, slot: usize) {
+        let _ = self.world.ends(slot).signal.take();
+        self.set_open(slot, Openness::Serving);
+    }
+
+    fn breathe_out(&self, slot: usize) {
+        self.set_state(slot, State::Active);
+        self.begin_work(slot);
+    }
+
+    /// `stop`.
+    pub(super) fn stop(&mut self, slot: usize) {
+        self.world.count("stops");
+        self.set_blocking(slot, false);
+        let was_lost = self.end_wait(slot);
+        self.set_open(slot, Openness::Stopped);
+        self.set_state(slot, State::Stopped);
+        if was_lost {
+            self.change_hands(slot);
+        }
+    }
+
+    /// Whatever its callback waits for, it comes to its end; true: that was a trap.
+    fn end_wait(&mut self, slot: usize) -> bool {
+        if !self.waits(slot) {
+            return false;
+        }
+        self.world.tell(|| format!("slot {slot} is to wait no longer"));
+        self.world.model().slots[slot].ending = true;
+        self.go_on(slot, false);
+        self.world.model().slots[slot].ending = false;
+        if self.waits(slot) || !self.is_free(slot) {
+            self.world.wrong(format!("slot {slot} waits where it may not"));
+        }
+        std::mem::take(&mut self.was_lost)
+    }
+
+    fn set_blocking(&self, slot: usize, on: bool) {
+        let ends = self.world.ends(slot);
+        for (port, requestor) in ends.requestors.iter().enumerate() {
+            let mut model = self.world.model();
+            let gates = &mut model.slots[slot].gates[port];
+            gates.slot = on;
+            gates.closings += u32::from(!on);
+            drop(model);
+            requestor.set_blocking(on);
+        }
+    }
+
+    /// Another thread of the component switches blocking off, and on again at once.
+    fn close_for_a_moment(&self, slot: usize, port: usize) {
+        let ends = self.world.ends(slot);
+        self.world.tell(|| format!("slot {slot} port {port}: blocking off and on"));
+        let mut model = self.world.model();
+        let gates = &mut model.slots[slot].gates[port];
+        (gates.port, gates.closings) = (true, gates.closings + 1);
+        drop(model);
+        [false, true].into_iter().for_each(|on| ends.requestors[port].blocking(Whose::Port, on));
+    }
+
+    fn set_open(&self, slot: usize, open: Openness) {
+        let ends = self.world.ends(slot);
+        let mut model = self.world.model();
+        let provider = &mut model.providers[ends.life];
+        if provider.open != Openness::Replaced {
+            provider.open = open;
+        }
+        if let Some(status) = refusal(provider.open) {
+            model.let_all_go(ends.life, status);
+            let instance = &mut model.slots[slot].instance;
+            instance.stale_kept.extend(instance.kept.drain(..).map(|(id, _)| id));
+        }
+        drop(model);
+        self.world.tell(|| format!("slot {slot}: {open:?}"));
+        ends.provider.set_open(open);
+    }
+
+    /// Its instance is another one from now on.
+    fn change_hands(&self, slot: usize) {
+        let ends = self.world.ends(slot);
+        let mut model = self.world.model();
+        let Instance { kept, .. } = std::mem::take(&mut model.slots[slot].instance);
+        model.slots[slot].instance.stale_kept = kept.into_iter().map(|(id, _)| id).collect();
+        model.slots[slot].wait = None;
+        model.waits_for[ends.life] = None;
+        for port in 0..PORTS {
+            model.abandon((ends.life, port));
+            let gates = &mut model.slots[slot].gates[port];
+            *gates = Gates { port: true, component: true, ..*gates };
+        }
+        model.fail(ends.life);
+        drop(model);
+        ends.requestors.iter().for_each(Requestor::close_calls);
+        ends.provider.fail();
+    }
+
+    /// Its instance trapped.
+    pub(super) fn trapped(&mut self, slot: usize) {
+        if self.world.model().slots[slot].ending {
+            self.was_lost = true;
+        } else {
+            self.recover(slot);
+        }
+    }
+
+    fn recover(&mut self, slot: usize) {
+        self.abandon(slot);
+        match self.world.dice.below(10) {
+            0..6 => self.change_hands(slot),
+            6..9 => {
+                self.change_hands(slot);
+                self.set_state(slot, State::Breathing);
+            }
+            _ => {
+                self.set_open(slot, Openness::Gone);
+                self.change_hands(slot);
+                self.set_state(slot, State::Stopped);
+            }
+        }
+        self.let_in(slot);
+    }
+
+    /// A thread that it started failed.
+    fn fail_astray(&mut self, slot: usize) {
+        self.world.tell(|| format!("slot {slot}: a thread of its own fails"));
+        self.world.count("faults astray");
+        // Nothing of a sound instance is lost by a panic.
+        let is_lost = if self.world.dice.once_in(8) { true } else { self.end_wait(slot) };
+        if is_lost {
+            self.recover(slot);
+        }
+    }
+
+    /// Removed, and built anew.
+    fn rebuild(&mut self, slot: usize) {
+        self.world.count("replacements");
+        replace(&self.world, slot);
+        self.stop(slot);
+        let (old, executor) = (self.world.ends(slot), self.world.dice.below(self.world.bells.len()));
+        let ends = self.world.build(executor);
+        ends.requestors.iter().for_each(|port| port.set_blocking(false));
+        let mut model = self.world.model();
+        for port in 0..PORTS {
+            model.abandon((old.life, port));
+        }
+        let state = &mut model.slots[slot];
+        (state.life, state.executor, state.instance) = (ends.life, executor, Instance::default());
+        (state.links, state.gates) = ([None; PORTS], [Gates { slot: false, ..Gates::OPEN }; PORTS]);
+        drop(model);
+        self.world.tell(|| format!("slot {slot} is built anew on executor {executor}"));
+        *self.world.slots[slot].try_lock().expect("one thread") = ends;
+        if Arc::strong_count(&old) != 1 {
+            self.world.wrong(format!("somebody is still in slot {slot}"));
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! Random interleavings of the communication patterns against a model, a small number of them.
+//! `scripts/interleavings` runs ten million steps and more.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use tests::sim::history::run;
+
+/// What a run of that length sees surely: a model that sees nothing proves nothing.
+const SEEN: [&str; 12] = [
+    "answers",
+    "asked again",
+    "cancelled",
+    "cycles",
+    "disconnected",
+    "no data",
+    "provider gone",
+    "provider replaced",
+    "provider stopped",
+    "times at rest",
+    "timeouts",
+    "unanswered",
+];
+
+#[test]
+fn no_call_is_lost_or_doubled_and_nobody_waits_for_ever() {
+    let seed = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+    // Seeds that stay, and others each time.
+    for seed in [1, seed] {
+        let report = run(100_000, seed);
+        assert!(report.failure.is_none(), "{}", report.text());
+        let unseen: Vec<_> = SEEN.iter().filter(|what| !report.counts.contains_key(*what)).collect();
+        assert!(unseen.is_empty(), "never: {unseen:?} in {}", report.text());
+    }
+}

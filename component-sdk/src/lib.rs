@@ -73,7 +73,8 @@ pub mod prelude {
     pub use crate::object::{CommObject, Sequence, Text};
     pub use crate::objects::*;
     pub use crate::port::{
-        DataIn, DataOut, Loan, Message, Pending, Query, QueryClient, QueryId, QueryServer, SendClient, SendServer, Sent,
+        DataIn, DataOut, Loan, Message, Pending, Query, QueryClient, QueryId, QueryServer, Requestor, SendClient,
+        SendServer, Sent,
     };
     pub use crate::status::Status;
     pub use crate::{CommObject, Component, error, export_components, fault, info, warn};

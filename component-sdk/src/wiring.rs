@@ -70,12 +70,13 @@ pub struct Refusal {
 }
 
 impl Refusal {
-    fn of(code: u32, reason: &Reason) -> Result<(), Self> {
+    pub(crate) fn of(code: u32, reason: &Reason) -> Result<(), Self> {
         if code == 0 {
             return Ok(());
         }
-        let bytes = reason.bytes.get(..reason.len).unwrap_or_default();
-        Err(Self { status: Status::from_code(code), reason: String::from_utf8_lossy(bytes).into_owned() })
+        let (status, bytes) = (Status::from_code(code), reason.bytes.get(..reason.len).unwrap_or_default());
+        let reason = if bytes.is_empty() { status.to_string() } else { String::from_utf8_lossy(bytes).into_owned() };
+        Err(Self { status, reason })
     }
 }
 

@@ -55,12 +55,13 @@ pub(crate) struct Port<'a> {
     objects: Vec<&'a Type>,
     fifo: usize,
     handler: Option<Ident>,
+    unlisted: bool,
 }
 
 impl<'a> Port<'a> {
     pub(crate) fn read(ident: &'a Ident, field: &'a Field) -> Result<Self> {
         let (kind, objects) = port_type(&field.ty)?;
-        let mut port = Self { ident, field, kind, objects, fifo: 0, handler: None };
+        let mut port = Self { ident, field, kind, objects, fifo: 0, handler: None, unlisted: false };
         port.options()?;
         Ok(port)
     }
@@ -79,8 +80,10 @@ impl<'a> Port<'a> {
                     self.handler = Some(meta.value()?.parse()?);
                 } else if meta.path.is_ident("handler") {
                     return Err(meta.error("`handler` belongs to a server: nothing comes in here to be handled"));
+                } else if meta.path.is_ident("unlisted") {
+                    self.unlisted = true;
                 } else {
-                    return Err(meta.error("known here: fifo = 8 (DataIn), handler = on_query (a server)"));
+                    return Err(meta.error("known here: fifo = 8 (DataIn), handler = on_query (a server), unlisted"));
                 }
                 Ok(())
             })?;
@@ -121,7 +124,7 @@ impl<'a> Port<'a> {
                 quote!(::component_sdk::some_object(#answer))
             },
         );
-        let (fifo, handler) = (self.fifo, self.handler.is_some());
+        let (fifo, handler, listed) = (self.fifo, self.handler.is_some(), !self.unlisted);
         quote! {
             PortDecl {
                 name: abi_name(#name),
@@ -133,6 +136,7 @@ impl<'a> Port<'a> {
                 answer: #answer,
                 handler: #handler,
                 fifo: #fifo,
+                listed: #listed,
                 description: abi_name(#description),
             }
         }

@@ -117,6 +117,8 @@ pub struct PortDecl {
     pub handler: bool,
     /// Size of the FIFO of an input; 0: keeps the newest only.
     pub fifo: usize,
+    /// Others find it by its name; if not, the component says when they do.
+    pub listed: bool,
     /// Documentation of the field.
     pub description: RStr<'static>,
 }

@@ -3,6 +3,7 @@
 use abi_stable::StableAbi;
 use abi_stable::std_types::RStr;
 
+use super::payload::PortHandle;
 use crate::context::TEXT_LIMIT;
 use crate::status::Status;
 
@@ -39,11 +40,26 @@ pub struct LinkApi {
     pub connect: for<'a> extern "C" fn(one: PortName<'a>, other: PortName<'a>, reason: &mut Reason) -> u32,
     /// Cuts all connections of a port.
     pub disconnect: for<'a> extern "C" fn(port: PortName<'a>, reason: &mut Reason) -> u32,
+    /// Connects a port of the caller's own.
+    pub join: for<'a> extern "C" fn(own: PortHandle, to: PortName<'a>, reason: &mut Reason) -> u32,
+    /// Cuts all connections of a port of the caller's own.
+    pub part: extern "C" fn(own: PortHandle, reason: &mut Reason) -> u32,
+    /// Gives a port of the caller's own the name by which others wire it.
+    pub add: for<'a> extern "C" fn(own: PortHandle, name: RStr<'a>, reason: &mut Reason) -> u32,
+    /// From now on others do not find that port.
+    pub remove: extern "C" fn(own: PortHandle, reason: &mut Reason) -> u32,
 }
 
 impl LinkApi {
     /// Of a host that is not there.
-    pub const CLOSED: Self = Self { connect: closed_connect, disconnect: closed_disconnect };
+    pub const CLOSED: Self = Self {
+        connect: closed_connect,
+        disconnect: closed_disconnect,
+        join: closed_join,
+        part: closed_own,
+        add: closed_add,
+        remove: closed_own,
+    };
 }
 
 extern "C" fn closed_connect(_: PortName<'_>, _: PortName<'_>, _: &mut Reason) -> u32 {
@@ -51,5 +67,17 @@ extern "C" fn closed_connect(_: PortName<'_>, _: PortName<'_>, _: &mut Reason) -
 }
 
 extern "C" fn closed_disconnect(_: PortName<'_>, _: &mut Reason) -> u32 {
+    Status::Closed.code()
+}
+
+extern "C" fn closed_join(_: PortHandle, _: PortName<'_>, _: &mut Reason) -> u32 {
+    Status::Closed.code()
+}
+
+extern "C" fn closed_add(_: PortHandle, _: RStr<'_>, _: &mut Reason) -> u32 {
+    Status::Closed.code()
+}
+
+extern "C" fn closed_own(_: PortHandle, _: &mut Reason) -> u32 {
     Status::Closed.code()
 }

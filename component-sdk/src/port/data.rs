@@ -39,7 +39,7 @@ impl Sent {
 
 /// Receives objects of type `T`.
 pub struct DataIn<T> {
-    handle: PortHandle,
+    pub(super) handle: PortHandle,
     object: PhantomData<fn() -> T>,
 }
 

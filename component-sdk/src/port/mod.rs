@@ -5,8 +5,10 @@
 
 mod data;
 mod query;
+mod requestor;
 mod send;
 
 pub use data::{DataIn, DataOut, Loan, Sent};
 pub use query::{Answer, Pending, Query, QueryClient, QueryId, QueryServer, Reply, Request};
+pub use requestor::Requestor;
 pub use send::{Message, Outgoing, SendClient, SendServer};

@@ -81,7 +81,7 @@ use crate::status::Status;
 
 /// Asks a [`QueryServer`] of the same objects: `R` is the request, `A` the answer.
 pub struct QueryClient<R, A> {
-    handle: PortHandle,
+    pub(super) handle: PortHandle,
     objects: PhantomData<fn(R) -> A>,
 }
 

@@ -44,7 +44,7 @@ use crate::status::Status;
 
 /// Sends to a [`SendServer`] of the same object.
 pub struct SendClient<C> {
-    handle: PortHandle,
+    pub(super) handle: PortHandle,
     object: PhantomData<fn(C)>,
 }
 

@@ -21,6 +21,7 @@
 #![allow(unsafe_code, reason = "address of unsafe: plays the daemon's side of the border")]
 
 mod calls;
+mod links;
 mod sends;
 
 use std::cell::RefCell;
@@ -30,7 +31,6 @@ use abi_stable::std_types::{RSlice, RStr};
 
 use crate::abi::class::{ClassDecl, CreateArgs, Direction, Pattern};
 use crate::abi::host::{self, HostApi};
-use crate::abi::links::{LinkApi, PortName, Reason};
 use crate::abi::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 use crate::component::{Callbacks, FaultInfo, Outcome};
 use crate::context::{Context, Level};
@@ -50,6 +50,7 @@ pub struct Bench<C> {
 
 /// One port end. Objects are leaked boxes, as in the daemon: only typed code drops what is in them.
 struct BenchPort {
+    name: RStr<'static>,
     object: &'static TypeDescriptor,
     queue: VecDeque<(*mut u8, u64)>,
     current: Option<(*mut u8, u64)>,
@@ -229,7 +230,8 @@ impl<C: Callbacks> Bench<C> {
         RECORD.with_borrow(|record| record.safe_outputs.clone())
     }
 
-    /// What was connected, `a.x - b.y`, and disconnected, `a.x -`, in that order.
+    /// What was connected, `a.x - b.y`, and disconnected, `a.x -`, in that order. A port of the component's own has no slot:
+    /// `x - b.y`, `x -`; `x = name`, `x =` are names that it was given and that were taken away.
     #[must_use]
     pub fn wirings() -> Vec<String> {
         RECORD.with_borrow(|record| record.wirings.clone())
@@ -239,6 +241,7 @@ impl<C: Callbacks> Bench<C> {
 impl BenchPort {
     fn new(decl: &crate::abi::class::PortDecl) -> Self {
         Self {
+            name: decl.name,
             object: decl.object,
             queue: VecDeque::new(),
             current: None,
@@ -271,20 +274,8 @@ static BENCH: HostApi = HostApi {
     safe_output,
     sleep,
     calls: calls::API,
-    links: LinkApi { connect, disconnect },
+    links: links::API,
 };
-
-/// Nothing refuses here: what was asked for is kept.
-extern "C" fn connect(one: PortName<'_>, other: PortName<'_>, _: &mut Reason) -> u32 {
-    let text = format!("{}.{} - {}.{}", one.slot, one.port, other.slot, other.port);
-    RECORD.with_borrow_mut(|record| record.wirings.push(text));
-    0
-}
-
-extern "C" fn disconnect(port: PortName<'_>, _: &mut Reason) -> u32 {
-    RECORD.with_borrow_mut(|record| record.wirings.push(format!("{}.{} -", port.slot, port.port)));
-    0
-}
 
 extern "C" fn clock() -> u64 {
     RECORD.with_borrow(|record| record.now_ns)

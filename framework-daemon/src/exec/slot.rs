@@ -23,6 +23,8 @@ pub struct Slot {
     pub requestors: Vec<Arc<Requestor>>,
     /// Servers, of queries and messages.
     pub providers: Vec<Arc<Provider>>,
+    /// Names of the ports that others do not find until the component says so.
+    pub unlisted: Vec<&'static str>,
     /// Counters.
     pub status: Status,
 }

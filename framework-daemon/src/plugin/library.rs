@@ -123,6 +123,13 @@ impl Class {
         self.exported
     }
 
+    /// Names of the ports that others do not find until the component says so.
+    #[must_use]
+    pub fn unlisted(&self) -> Vec<&'static str> {
+        let ports = self.exported.decl.ports.as_slice().iter();
+        ports.filter(|port| !port.listed).map(|port| port.name.as_str()).collect()
+    }
+
     /// Where it came from.
     #[must_use]
     pub const fn plugin(&self) -> &Arc<Plugin> {

@@ -48,6 +48,17 @@ impl PortEnd {
             Self::Provider(port) => &port.name,
         }
     }
+
+    /// What tells it from every other port that there is.
+    #[must_use]
+    pub fn address(&self) -> usize {
+        match self {
+            Self::In(port) => Arc::as_ptr(port).addr(),
+            Self::Out(port) => Arc::as_ptr(port).addr(),
+            Self::Requestor(port) => Arc::as_ptr(port).addr(),
+            Self::Provider(port) => Arc::as_ptr(port).addr(),
+        }
+    }
 }
 
 /// One instance's access to one port: at rest while the instance stands ready, open while it is in use, closed for good
@@ -158,6 +169,19 @@ pub(super) enum End<'a> {
     Idle,
     Requestor(&'a Requestor),
     Provider(&'a Provider),
+}
+
+impl End<'_> {
+    /// As [`PortEnd::address`]; `None` where it leads to no port.
+    pub(super) fn address(&self) -> Option<usize> {
+        Some(match self {
+            Self::Closed | Self::Nowhere | Self::Scratch(_) | Self::Idle => return None,
+            Self::In(port) => std::ptr::from_ref(*port).addr(),
+            Self::Out(port) => std::ptr::from_ref(*port).addr(),
+            Self::Requestor(port) => std::ptr::from_ref(*port).addr(),
+            Self::Provider(port) => std::ptr::from_ref(*port).addr(),
+        })
+    }
 }
 
 /// Calls `act` with what the handle leads to. The one way in: nothing is locked before it.

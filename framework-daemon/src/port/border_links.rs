@@ -3,16 +3,24 @@
 //! Names and reason lie in the plugin's memory: all is read before anything is locked, and the reason is written when
 //! nothing is any more.
 
-use component_sdk::abi::links::{LinkApi, PortName, Reason};
+use std::fmt;
 
-use super::border::make_sure_of_stack;
-use super::registry;
+use abi_stable::std_types::RStr;
+use component_sdk::abi::links::{LinkApi, PortName, Reason};
+use component_sdk::abi::payload::PortHandle;
+use component_sdk::status::Status;
+
+use super::border::{End, make_sure_of_stack, visit};
+use super::exchange::Busy;
+use super::output::Borrower;
+use super::registry::{self, Entry};
 use super::wiring::{self, Name, Refusal};
+use crate::model::limits::LABEL_BYTES;
 use crate::model::text::{Label, ShortText};
 use crate::sys::{log_ring, seat};
 
 /// What every plugin is given.
-pub(super) const API: LinkApi = LinkApi { connect, disconnect };
+pub(super) const API: LinkApi = LinkApi { connect, disconnect, join, part, add, remove };
 
 extern "C" fn connect(one: PortName<'_>, other: PortName<'_>, reason: &mut Reason) -> u32 {
     make_sure_of_stack();
@@ -32,6 +40,72 @@ extern "C" fn disconnect(port: PortName<'_>, reason: &mut Reason) -> u32 {
         tell(ShortText::of(format_args!("disconnected {}", port.name())));
     }
     answer(result, reason)
+}
+
+extern "C" fn join(own: PortHandle, to: PortName<'_>, reason: &mut Reason) -> u32 {
+    make_sure_of_stack();
+    let to = Copied::of(to);
+    let result = entry(own).and_then(|entry| {
+        wiring::connect_end(registry::shared(), &entry.end, name_of(&entry), to.name())?;
+        tell(ShortText::of(format_args!("connected {} and {}", name_of(&entry), to.name())));
+        Ok(())
+    });
+    answer(result, reason)
+}
+
+extern "C" fn part(own: PortHandle, reason: &mut Reason) -> u32 {
+    let result = entry(own).and_then(|entry| {
+        wiring::disconnect_end(&entry.end, name_of(&entry))?;
+        tell(ShortText::of(format_args!("disconnected {}", name_of(&entry))));
+        Ok(())
+    });
+    answer(result, reason)
+}
+
+extern "C" fn add(own: PortHandle, name: RStr<'_>, reason: &mut Reason) -> u32 {
+    make_sure_of_stack();
+    let (name, is_whole) = (Label::new(name.as_str()), name.len() <= LABEL_BYTES);
+    let result = entry(own).and_then(|entry| {
+        let wanted = name.as_str();
+        if !is_whole || wanted.is_empty() || wanted.contains('.') {
+            let why = format_args!("{}: `{wanted}` is no name for a port", name_of(&entry));
+            return Err(Refusal::new(Status::Error, why));
+        }
+        let slot = entry.slot;
+        named(&entry, Some(name), format_args!("{}: slot {slot} has another port {wanted}", name_of(&entry)))
+    });
+    answer(result, reason)
+}
+
+extern "C" fn remove(own: PortHandle, reason: &mut Reason) -> u32 {
+    answer(entry(own).and_then(|entry| named(&entry, None, format_args!(""))), reason)
+}
+
+/// Others find the port by that name from now on.
+fn named(entry: &Entry, name: Option<Label>, taken: fmt::Arguments<'_>) -> Result<(), Refusal> {
+    registry::shared().list(entry, name).map_err(|status| match status {
+        Status::PortAlreadyUsed => Refusal::new(status, taken),
+        _ => Refusal::new(status, format_args!("{}: names are being changed all the time", name_of(entry))),
+    })
+}
+
+fn name_of(entry: &Entry) -> Name<'_> {
+    Name { slot: entry.slot, port: entry.end.name() }
+}
+
+/// A port of the caller's own.
+fn entry(own: PortHandle) -> Result<Entry, Refusal> {
+    let refusal = |status: Status| Refusal::new(status, format_args!("{status}"));
+    // The handle's port is known by its address when nobody is inside any more: names and connections have locks.
+    let address = visit(own, |end, borrower| match end {
+        End::Closed => Err(Status::Closed),
+        _ if borrower != Borrower::Callback => Err(Status::NotAllowed),
+        // An instance that stands ready is not connected.
+        _ => end.address().ok_or(Status::Disconnected),
+    });
+    let found = registry::shared().at(seat::owner().slot, address.map_err(refusal)?);
+    let found = found.map_err(|Busy| refusal(Status::Error))?;
+    found.ok_or_else(|| Refusal::new(Status::Disconnected, format_args!("the slot is not part of the running system")))
 }
 
 /// Who wires is worth knowing: afterwards the profiles alone do not tell what is connected.

@@ -1,10 +1,16 @@
-//! Ports by name: what `connect` and `disconnect` look up. Read from any thread without waiting, replaced as a whole by boot
-//! and reload.
+//! Ports by name: what `connect` and `disconnect` look up. Read from any thread without waiting; ports are replaced as a whole
+//! by boot and reload, the names by which components want their own to be found are laid over them.
+//!
+//! Names lie apart from the ports, so that a component that changes one never drops somebody's port: what ports hold may have to
+//! be freed by a plugin's code.
 
 use std::sync::{Arc, LazyLock};
 
+use component_sdk::status::Status;
+
 use super::border::PortEnd;
 use super::exchange::{Busy, Exchange};
+use crate::model::text::Label;
 
 /// One port of the running system.
 #[derive(Clone)]
@@ -13,6 +19,8 @@ pub struct Entry {
     pub slot: &'static str,
     /// The port.
     pub end: PortEnd,
+    /// Others find it by its own name, as long as its component does not say otherwise.
+    pub is_listed: bool,
 }
 
 impl Entry {
@@ -21,15 +29,27 @@ impl Entry {
     }
 }
 
-/// All ports of the running system, in the order of their names.
+/// All ports of the running system, in the order of their own names.
 type Directory = Arc<Vec<Entry>>;
 
+/// What a component said about a port of its own.
+#[derive(Clone)]
+struct Listing {
+    slot: &'static str,
+    address: usize,
+    /// How others find it; if not at all, none.
+    name: Option<Label>,
+}
+
 /// The ports of a running system.
-pub struct Registry(Exchange<Directory>);
+pub struct Registry {
+    ports: Exchange<Directory>,
+    listings: Exchange<Arc<Vec<Listing>>>,
+}
 
 impl Default for Registry {
     fn default() -> Self {
-        Self(Exchange::new(Directory::default()))
+        Self { ports: Exchange::new(Directory::default()), listings: Exchange::new(Arc::default()) }
     }
 }
 
@@ -50,16 +70,25 @@ pub enum Unknown {
     Busy,
 }
 
+impl From<Busy> for Unknown {
+    fn from(Busy: Busy) -> Self {
+        Self::Busy
+    }
+}
+
 impl Registry {
-    /// From now on these are the ports. Port names of a slot are unique.
+    /// From now on these are the ports. Port names of a slot are unique. A port that was there before keeps the name that its
+    /// component gave it.
     ///
     /// # Errors
     /// Somebody else sets them all the time.
     pub fn set(&self, mut entries: Vec<Entry>) -> Result<(), Busy> {
         entries.sort_by(|one, other| one.key().cmp(&other.key()));
         let fresh = Arc::new(entries);
+        let stays = |listing: &Listing| fresh.iter().any(|entry| entry.end.address() == listing.address);
+        self.listings.edit(|listings| Arc::new(listings.iter().filter(|one| stays(one)).cloned().collect()))?;
         // What is stale is dropped here, outside.
-        self.0.edit(|_| fresh).map(drop)
+        self.ports.edit(|_| Arc::clone(&fresh)).map(drop)
     }
 
     /// The port of that name.
@@ -68,21 +97,81 @@ impl Registry {
     /// Why it is not found.
     pub fn find(&self, slot: &str, port: &str) -> Result<PortEnd, Unknown> {
         // Counted: what is looked at meanwhile stays, though the pin is let go.
-        let directory = self.0.visit(Arc::clone).map_err(|Busy| Unknown::Busy)?;
-        match directory.binary_search_by(|entry| entry.key().cmp(&(slot, port))) {
-            Ok(index) => Ok(directory[index].end.clone()),
-            Err(index) => {
-                // A port of the same slot lies beside the place where this one would be.
-                let beside = [index.checked_sub(1), Some(index)].into_iter().flatten();
-                let has_slot = beside.filter_map(|index| directory.get(index)).any(|entry| entry.slot == slot);
-                Err(if has_slot { Unknown::Port } else { Unknown::Slot })
+        let directory = self.ports.visit(Arc::clone)?;
+        let listings = self.listings.visit(Arc::clone)?;
+        let ports = of_slot(&directory, slot);
+        let given = |listing: &&Listing| listing.slot == slot && listing.name.is_some_and(|name| name.as_str() == port);
+        if let Some(listing) = listings.iter().find(given) {
+            let found = ports.iter().find(|entry| entry.end.address() == listing.address);
+            return found.map(|entry| entry.end.clone()).ok_or(Unknown::Port);
+        }
+        let own = ports.binary_search_by(|entry| entry.end.name().cmp(port)).ok().map(|index| &ports[index]);
+        let own = own.filter(|entry| entry.is_listed && !is_in(&listings, entry));
+        own.map(|entry| entry.end.clone()).ok_or(if ports.is_empty() { Unknown::Slot } else { Unknown::Port })
+    }
+
+    /// The port at that address, whether others find it or not.
+    ///
+    /// # Errors
+    /// Too many threads look at the same time.
+    pub fn at(&self, slot: &str, address: usize) -> Result<Option<Entry>, Busy> {
+        let directory = self.ports.visit(Arc::clone)?;
+        Ok(of_slot(&directory, slot).iter().find(|entry| entry.end.address() == address).cloned())
+    }
+
+    /// From now on others find the port by this name, or not at all.
+    ///
+    /// # Errors
+    /// `PortAlreadyUsed`; `Error`: others change names all the time.
+    pub fn list(&self, entry: &Entry, name: Option<Label>) -> Result<(), Status> {
+        let directory = self.ports.visit(Arc::clone).map_err(|Busy| Status::Error)?;
+        let (slot, address) = (entry.slot, entry.end.address());
+        let mut is_free = true;
+        let edited = self.listings.edit(|listings| {
+            is_free = name.is_none_or(|name| !is_taken(&directory, listings, entry, name.as_str()));
+            if !is_free {
+                return Arc::clone(listings);
             }
+            let others = listings.iter().filter(|listing| listing.address != address).cloned();
+            Arc::new(others.chain([Listing { slot, address, name }]).collect())
+        });
+        edited.map_err(|Busy| Status::Error)?;
+        if is_free { Ok(()) } else { Err(Status::PortAlreadyUsed) }
+    }
+
+    /// The name by which others find a port; `None`: by none.
+    #[must_use]
+    pub fn name_of(&self, entry: &Entry) -> Option<String> {
+        let listings = self.listings.visit(Arc::clone).unwrap_or_default();
+        match listings.iter().find(|listing| listing.address == entry.end.address()) {
+            Some(listing) => listing.name.map(|name| name.as_str().to_owned()),
+            None => entry.is_listed.then(|| entry.end.name().to_owned()),
         }
     }
 
-    /// All ports, in the order of their names.
+    /// All ports, in the order of their own names.
     #[must_use]
     pub fn all(&self) -> Arc<Vec<Entry>> {
-        self.0.visit(Arc::clone).unwrap_or_default()
+        self.ports.visit(Arc::clone).unwrap_or_default()
     }
+}
+
+fn of_slot<'a>(directory: &'a [Entry], slot: &str) -> &'a [Entry] {
+    let from = directory.partition_point(|entry| entry.slot < slot);
+    let count = directory[from..].partition_point(|entry| entry.slot == slot);
+    &directory[from..from + count]
+}
+
+fn is_in(listings: &[Listing], entry: &Entry) -> bool {
+    listings.iter().any(|listing| listing.address == entry.end.address())
+}
+
+/// True when others find another port of the slot by that name.
+fn is_taken(directory: &[Entry], listings: &[Listing], own: &Entry, name: &str) -> bool {
+    let others = of_slot(directory, own.slot).iter().filter(|entry| entry.end.address() != own.end.address());
+    let by_listing = |entry: &Entry| {
+        let listing = listings.iter().find(|listing| listing.address == entry.end.address());
+        listing.map(|listing| listing.name.is_some_and(|given| given.as_str() == name))
+    };
+    others.into_iter().any(|entry| by_listing(entry).unwrap_or(entry.is_listed && entry.end.name() == name))
 }

@@ -42,14 +42,15 @@ impl fmt::Display for Name<'_> {
 #[error("{}", reason.as_str())]
 pub struct Refusal {
     /// What kind of reason: `Error` (somebody else wires the same port all the time), `IncompatibleService`,
-    /// `ServiceUnavailable` (the other side is not there), `UnknownComponent`, `UnknownPort`.
+    /// `ServiceUnavailable` (the other side is not there), `UnknownComponent`, `UnknownPort`; of a component's own port also
+    /// `Closed`, `Disconnected`, `NotAllowed`, `PortAlreadyUsed`.
     pub cause: Status,
     /// The reason.
     pub reason: ShortText,
 }
 
 impl Refusal {
-    fn new(cause: Status, reason: fmt::Arguments<'_>) -> Self {
+    pub(super) fn new(cause: Status, reason: fmt::Arguments<'_>) -> Self {
         Self { cause, reason: ShortText::of(reason) }
     }
 
@@ -60,8 +61,8 @@ impl Refusal {
     }
 }
 
-/// Connects two ports, whichever of them is named first. The reader's other connections are cut before, and stay so where
-/// this one is refused because the two do not fit.
+/// Connects two ports, whichever of them is named first. The reader's other connections, or the client's, are cut before, and
+/// stay so where this one is refused, for whatever reason.
 ///
 /// Values on their way over other connections are not touched. The newest value on its way over one that is cut may still
 /// arrive, and what the reader has not read yet stays there.
@@ -69,8 +70,44 @@ impl Refusal {
 /// # Errors
 /// Why the ports are not connected.
 pub fn connect(registry: &Registry, one: Name<'_>, other: Name<'_>) -> Result<(), Refusal> {
-    let (first, second) = (find(registry, one)?, find_other(registry, one, other)?);
-    match (&first, &second) {
+    connect_end(registry, &find(registry, one)?, one, other)
+}
+
+/// As [`connect`], from a port that is at hand.
+///
+/// # Errors
+/// Why the ports are not connected.
+pub fn connect_end(registry: &Registry, first: &PortEnd, one: Name<'_>, other: Name<'_>) -> Result<(), Refusal> {
+    let result = find_other(registry, one, other).and_then(|second| {
+        let result = link(first, one, &second, other);
+        if result.is_err() && !is_wired(first) {
+            leave(&second);
+        }
+        result
+    });
+    if result.is_err() {
+        leave(first);
+    }
+    result
+}
+
+/// It is what one wires: it asks or listens.
+const fn is_wired(end: &PortEnd) -> bool {
+    matches!(end, PortEnd::In(_) | PortEnd::Requestor(_))
+}
+
+/// What was to be connected and is not has no connection any more.
+fn leave(end: &PortEnd) {
+    match end {
+        // Whoever is in the way has connected it to something else.
+        PortEnd::In(input) => _ = detach(input),
+        PortEnd::Requestor(client) => client.disconnect(),
+        PortEnd::Out(_) | PortEnd::Provider(_) => {}
+    }
+}
+
+fn link(first: &PortEnd, one: Name<'_>, second: &PortEnd, other: Name<'_>) -> Result<(), Refusal> {
+    match (first, second) {
         (PortEnd::Out(output), PortEnd::In(input)) => join(output, one, input, other),
         (PortEnd::In(input), PortEnd::Out(output)) => join(output, other, input, one),
         (PortEnd::Requestor(client), PortEnd::Provider(server)) => ask(client, one, server, other),
@@ -84,8 +121,9 @@ pub fn connect(registry: &Registry, one: Name<'_>, other: Name<'_>) -> Result<()
     }
 }
 
-/// A client asks that server from now on.
+/// A client asks that server from now on. What it asked before is over, even if it is the same server.
 fn ask(client: &Requestor, from: Name<'_>, server: &Arc<Provider>, to: Name<'_>) -> Result<(), Refusal> {
+    client.disconnect();
     client.connect(server, None).map_err(|difference| {
         Refusal::new(
             Status::IncompatibleService,
@@ -99,9 +137,17 @@ fn ask(client: &Requestor, from: Name<'_>, server: &Arc<Provider>, to: Name<'_>)
 /// # Errors
 /// There is no such port, or somebody else wires it all the time.
 pub fn disconnect(registry: &Registry, name: Name<'_>) -> Result<(), Refusal> {
-    let cut = match find(registry, name)? {
-        PortEnd::In(input) => detach(&input),
-        PortEnd::Out(output) => detach_all(&output),
+    disconnect_end(&find(registry, name)?, name)
+}
+
+/// As [`disconnect`], of a port that is at hand.
+///
+/// # Errors
+/// Somebody else wires it all the time.
+pub fn disconnect_end(end: &PortEnd, name: Name<'_>) -> Result<(), Refusal> {
+    let cut = match end {
+        PortEnd::In(input) => detach(input),
+        PortEnd::Out(output) => detach_all(output),
         PortEnd::Requestor(client) => {
             client.disconnect();
             Ok(())
@@ -291,7 +337,7 @@ mod tests {
         let registry = Registry::default();
         let ends = outputs.iter().cloned().map(PortEnd::Out).zip(NAMES);
         let entries = ends.chain(inputs.iter().cloned().map(PortEnd::In).zip(NAMES));
-        registry.set(entries.map(|(end, slot)| Entry { slot, end }).collect()).unwrap();
+        registry.set(entries.map(|(end, slot)| Entry { slot, end, is_listed: true }).collect()).unwrap();
         Rig { registry, outputs, inputs }
     }
 
@@ -408,7 +454,7 @@ mod tests {
         let rig = rig(u64::DESCRIPTOR);
         let strange = Arc::new(InPort::new("in", f64::DESCRIPTOR, Queue::Last, Checks::default()));
         let mut entries = rig.registry.all().to_vec();
-        entries.push(Entry { slot: "d", end: PortEnd::In(Arc::clone(&strange)) });
+        entries.push(Entry { slot: "d", end: PortEnd::In(Arc::clone(&strange)), is_listed: true });
         rig.registry.set(entries).unwrap();
         let d = Name { slot: "d", port: "in" };
         let refused = |one, other| {

@@ -131,6 +131,7 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
 #[must_use]
 pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Member {
     let Blueprint { plan, class, standbys, inputs, outputs, requestors, providers } = blueprint;
+    let unlisted = class.unlisted();
     let standby = |preload| Standby { preload, unit: None };
     let (secondaries, standbys): (Vec<_>, Vec<_>) =
         standbys.into_iter().map(|(recipe, preload)| (recipe, standby(preload))).unzip();
@@ -141,6 +142,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         outputs: outputs.into_iter().map(Arc::new).collect(),
         requestors: requestors.into_iter().map(Arc::new).collect(),
         providers: providers.into_iter().map(Arc::new).collect(),
+        unlisted,
         status: Status::new(recipes.iter().map(|recipe| recipe.class_name).collect()),
     });
     let execution = &plan.component.execution;

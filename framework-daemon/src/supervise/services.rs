@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::system::{Placed, by_name};
-use super::wiring::{at, no_such_port};
+use super::wiring::{all_listed, at, no_such_port};
 use crate::port::pattern::objects::Objects;
 use crate::port::pattern::provider::Provider;
 use crate::port::pattern::requestor::Requestor;
@@ -17,11 +17,23 @@ pub struct CallLink {
     retry: Option<bool>,
 }
 
-/// Builds all connections of service ports.
+/// Connections of service ports.
+pub struct Calls {
+    links: Vec<CallLink>,
+    /// Clients that the plan before spoke of.
+    known: Vec<Arc<Requestor>>,
+}
+
+/// Builds all connections of service ports. What neither this plan nor the one before it speaks of, somebody connected at run
+/// time, and it stays so.
 ///
 /// # Errors
 /// All that is wrong, one text each.
-pub fn build(connections: &[ConnectionPlan], slots: &[Placed]) -> Result<Vec<CallLink>, Vec<String>> {
+pub fn build(
+    before: &[ConnectionPlan],
+    connections: &[ConnectionPlan],
+    slots: &[Placed],
+) -> Result<Calls, Vec<String>> {
     let names = by_name(slots);
     let (mut links, mut errors) = (Vec::new(), Vec::new());
     for connection in connections.iter().filter(|connection| connection.kind == PortKind::Service) {
@@ -30,7 +42,12 @@ pub fn build(connections: &[ConnectionPlan], slots: &[Placed]) -> Result<Vec<Cal
             Err(reason) => errors.push(at(&connection.location, &reason)),
         }
     }
-    if errors.is_empty() { Ok(links) } else { Err(errors) }
+    let client = |connection: &ConnectionPlan| {
+        let slot = names.get(connection.source.slot.as_str())?;
+        slot.slot.requestor(&connection.source.port).cloned()
+    };
+    let known = before.iter().filter_map(client).collect();
+    if errors.is_empty() { Ok(Calls { links, known }) } else { Err(errors) }
 }
 
 fn link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<CallLink, String> {
@@ -38,6 +55,7 @@ fn link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<C
     let client = slots.get(from.slot.as_str()).and_then(|placed| placed.slot.requestor(&from.port));
     let server = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.provider(&to.port));
     let (client, server) = client.zip(server).ok_or_else(|| no_such_port(connection))?;
+    all_listed(connection, |end| slots.get(end.slot.as_str()).map(|placed| placed.slot.unlisted.clone()))?;
     compare(connection, client.objects, server.objects)?;
     let retry = connection.on_gone.map(|on_gone| on_gone == OnGone::Retry);
     Ok(CallLink { from: Arc::clone(client), to: Arc::clone(server), retry })
@@ -63,15 +81,21 @@ pub(super) fn compare(connection: &ConnectionPlan, asked: Objects, served: Objec
 }
 
 /// Puts the connections in place. One that was there before goes on, with the calls that are open over it.
-pub fn apply(calls: &[CallLink], slots: &[Placed]) {
+pub fn apply(calls: &Calls, slots: &[Placed]) {
+    let stays = |client: &Requestor| {
+        let mut servers = slots.iter().flat_map(|placed| &placed.slot.providers);
+        servers.any(|server| client.leads_to(server))
+    };
     for client in slots.iter().flat_map(|placed| &placed.slot.requestors) {
-        match calls.iter().find(|link| Arc::ptr_eq(&link.from, client)) {
+        let is_it = |other: &Arc<Requestor>| Arc::ptr_eq(other, client);
+        match calls.links.iter().find(|link| is_it(&link.from)) {
             Some(link) => {
                 if let Err(reason) = client.connect(&link.to, link.retry) {
                     tracing::error!("port {}: {reason}", client.name);
                 }
             }
-            None => client.disconnect(),
+            None if calls.known.iter().any(is_it) || !stays(client) => client.disconnect(),
+            None => {}
         }
     }
 }

@@ -7,7 +7,7 @@ use component_sdk::object::TypeDescriptor;
 use component_sdk::object::path::PathError;
 
 use super::blueprint::Blueprint;
-use super::services::{self, CallLink};
+use super::services::{self, Calls};
 use super::system::{Placed, by_name};
 use crate::port::border::PortEnd;
 use crate::port::check::Checks;
@@ -27,7 +27,7 @@ pub struct Reader {
 pub struct Wiring {
     /// Readers that plans speak of.
     readers: Vec<Reader>,
-    calls: Vec<CallLink>,
+    calls: Calls,
 }
 
 /// What the plan says about every reader that it or the one before it speaks of. What nobody speaks of, somebody connected at
@@ -66,11 +66,11 @@ pub fn build(
             Err(reason) => errors.push(at(&connection.location, &reason)),
         }
     }
-    let calls = services::build(connections, slots).unwrap_or_else(|wrong| {
-        errors.extend(wrong);
-        Vec::new()
-    });
-    if errors.is_empty() { Ok(Wiring { readers, calls }) } else { Err(errors) }
+    match services::build(before, connections, slots) {
+        Ok(calls) if errors.is_empty() => Ok(Wiring { readers, calls }),
+        Ok(_) => Err(errors),
+        Err(wrong) => Err(errors.into_iter().chain(wrong).collect()),
+    }
 }
 
 fn planned(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<Planned, String> {
@@ -78,6 +78,7 @@ fn planned(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Resul
     let source = slots.get(from.slot.as_str()).and_then(|placed| placed.slot.output(&from.port));
     let target = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.input(&to.port));
     let (source, target) = source.zip(target).ok_or_else(|| no_such_port(connection))?;
+    all_listed(connection, |end| slots.get(end.slot.as_str()).map(|placed| placed.slot.unlisted.clone()))?;
     let checks = compare(connection, source.object, target.object)?;
     Ok(Planned { output: Arc::clone(source), checks: Arc::new(checks) })
 }
@@ -85,6 +86,18 @@ fn planned(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Resul
 pub(super) fn no_such_port(connection: &ConnectionPlan) -> String {
     let (from, to) = (&connection.source, &connection.target);
     format!("{}.{} -> {}.{}: no such port", from.slot, from.port, to.slot, to.port)
+}
+
+/// A port that its component keeps for itself is not connected by a profile.
+pub(super) fn all_listed(
+    connection: &ConnectionPlan,
+    unlisted: impl Fn(&PortRef) -> Option<Vec<&'static str>>,
+) -> Result<(), String> {
+    let ends = [&connection.source, &connection.target].into_iter();
+    let hidden = |end: &&PortRef| unlisted(end).is_some_and(|names| names.contains(&end.port.as_str()));
+    ends.into_iter().find(hidden).map_or(Ok(()), |PortRef { slot, port }| {
+        Err(format!("{slot}.{port} is `unlisted` in its class: the component connects it itself, no profile does"))
+    })
 }
 
 /// Holds the layouts of both ends against each other and compiles the connection's checks.
@@ -111,6 +124,9 @@ pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Ve
     let wrong = |connection: &ConnectionPlan| {
         let (from, to) = (&connection.source, &connection.target);
         let (source, target) = (find(&from.slot)?, find(&to.slot)?);
+        if let Err(reason) = all_listed(connection, |end| find(&end.slot).map(|slot| slot.class.unlisted())) {
+            return Some(at(&connection.location, &reason));
+        }
         let result = match connection.kind {
             PortKind::Data => {
                 let (written, expected) = (source.output_object(&from.port)?, target.input_object(&to.port)?);
@@ -161,7 +177,7 @@ pub fn announce(registry: &Registry, slots: &[Placed]) {
         let data = inputs.chain(slot.outputs.iter().cloned().map(PortEnd::Out));
         let clients = slot.requestors.iter().cloned().map(PortEnd::Requestor);
         let ends = data.chain(clients).chain(slot.providers.iter().cloned().map(PortEnd::Provider));
-        ends.map(|end| Entry { slot: slot.name, end })
+        ends.map(|end| Entry { slot: slot.name, is_listed: !slot.unlisted.contains(&end.name()), end })
     });
     if registry.set(entries.collect()).is_err() {
         tracing::error!("the names of the ports are being changed all the time");

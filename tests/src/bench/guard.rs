@@ -81,6 +81,7 @@ fn idle_unit(fibers: &mut FiberPool) -> Box<Unit> {
         outputs: Vec::new(),
         requestors: Vec::new(),
         providers: Vec::new(),
+        unlisted: Vec::new(),
         status: Status::new(vec!["Diary"]),
     };
     let parts = recipe.gather(&slot).expect("it has no ports");

@@ -9,7 +9,7 @@ use crate::query::profiles;
 use crate::rig::Transport;
 
 /// What `check` says.
-fn check(profiles: &Profiles) -> (bool, String) {
+pub(crate) fn check(profiles: &Profiles) -> (bool, String) {
     let mut command = Command::new(daemon_binary());
     let output = command.arg("check").arg(profiles.path()).arg("--plugins").arg(plugin_dir()).output();
     let output = output.expect("the daemon's binary runs");

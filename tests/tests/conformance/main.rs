@@ -3,5 +3,8 @@
 
 mod allocation;
 mod check;
+mod links;
 mod query;
+mod requestor;
 mod rig;
+mod wiring;

@@ -59,6 +59,16 @@ fn bad_pointers_given_to_the_host_are_contained() {
 }
 
 #[test]
+fn forged_handles_and_numbers_are_refused() {
+    torture("forged");
+}
+
+#[test]
+fn faults_while_others_wait_are_contained() {
+    torture("parked");
+}
+
+#[test]
 fn faults_in_every_callback_are_contained() {
     torture("hooks");
 }

@@ -32,6 +32,8 @@ pub struct Class {
     pub deadline: bool,
     /// One of the other slots shares its executor.
     pub neighbour: bool,
+    /// A further slot beside the tortured one: its class and, where it asks something of it, the ports.
+    pub company: Option<(&'static str, &'static str)>,
 }
 
 impl Class {
@@ -51,6 +53,7 @@ impl Class {
             course: Course::Again,
             deadline: false,
             neighbour: false,
+            company: None,
         }
     }
 
@@ -69,6 +72,15 @@ impl Class {
 
     const fn with_neighbour(self) -> Self {
         Self { neighbour: true, ..self }
+    }
+
+    /// Beside one that waits; `ports`: for an answer.
+    const fn with_company(self, component: &'static str, ports: &'static str) -> Self {
+        Self { company: Some((component, ports)), ..self }
+    }
+
+    const fn in_handler(how: &'static str, symptoms: &'static [&'static str]) -> Self {
+        Self { how, ..Self::again("parked", "FaultInHandler", symptoms).with_company("ParkedAsker", "ask -> tell") }
     }
 }
 
@@ -135,6 +147,18 @@ pub const CLASSES: &[Class] = &[
     Class::again("calls", "BadPublishValue", &[]).refused(),
     Class::again("calls", "BadGiveBackValue", &[]).refused(),
     Class::again("calls", "StackEndWrite", STACK),
+    Class::again("forged", "BadWiringName", SEGV),
+    Class::again("forged", "BadUnwiringName", SEGV),
+    Class::again("forged", "BadWiringReason", SEGV),
+    Class::again("forged", "ForgedHandles", &[]).refused(),
+    Class::again("forged", "ForgedNumbers", &[]).refused(),
+    Class::again("forged", "CallsOfTheOtherSide", &[]).refused(),
+    Class::again("forged", "CallsOnThread", &[]).refused(),
+    Class::again("forged", "CallsInSignalHandler", &[]).refused(),
+    Class::again("parked", "FaultBeside", SEGV).with_company("ParkedSleeper", ""),
+    Class::again("parked", "LostBeside", ABORT).with_company("ParkedSleeper", ""),
+    Class::in_handler("segv", SEGV),
+    Class::in_handler("lost", ABORT),
     Class::hook("InConstructor", "segv", OnceEach, Some("crash.segv")),
     Class::hook("InConstructor", "panic", OnceEach, Some("crash.segv")),
     Class::hook("InInitialize", "segv", OnceEach, Some("crash.segv")),

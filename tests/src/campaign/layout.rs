@@ -1,7 +1,7 @@
 //! The profiles of one run: the slots that are tortured on an executor of their own, twenty others on two more.
 
 use super::classes::{Class, Course};
-use crate::profiles::{Profiles, application, plugin_dir, slot};
+use crate::profiles::{Profiles, application, connection_of, plugin_dir, slot};
 
 /// Slots that nobody tortures.
 pub const OTHERS: usize = 20;
@@ -67,8 +67,18 @@ pub fn app(class: &Class, strikes: usize, tortured: bool) -> String {
     let victims = (0..if tortured { count } else { 0 }).map(|number| victim(class, number, strikes));
     let mut slots: Vec<String> = victims.collect();
     slots.extend((0..OTHERS).map(|number| other(number, class.neighbour)));
+    let company =
+        class.company.map(|(component, _)| slot(&format!("other{OTHERS}"), component, "<executor>rack</executor>"));
+    slots.extend(company);
     let wires: Vec<String> = (1..OTHERS).map(|to| format!("other{}.said -> other{to}.heard", to - 1)).collect();
-    application(&slots, &wires.iter().map(String::as_str).collect::<Vec<_>>())
+    let text = application(&slots, &wires.iter().map(String::as_str).collect::<Vec<_>>());
+    match class.company.and_then(|(_, ports)| ports.split_once(" -> ")).filter(|_| tortured) {
+        Some((ask, tell)) => {
+            let link = connection_of("service", &format!("other{OTHERS}.{ask} -> victim0.{tell}"), "");
+            text.replace("</port_connections>", &format!("{link}</port_connections>"))
+        }
+        None => text,
+    }
 }
 
 fn victim(class: &Class, number: usize, strikes: usize) -> String {

@@ -50,6 +50,9 @@ pub mod calls;
 /// The processor's floating-point control word.
 pub mod float;
 
+/// Queries and wiring with what nobody gave out.
+pub mod forged;
+
 /// Callbacks that do not return.
 pub mod hangs;
 
@@ -64,6 +67,9 @@ pub mod memory;
 
 /// Panics.
 pub mod panics;
+
+/// Faults while others wait.
+pub mod parked;
 
 /// The end of the process, signal handlers, signal masks.
 pub mod process;
@@ -144,6 +150,19 @@ component_sdk::export_components!(
     calls::BadPublishValue,
     calls::BadGiveBackValue,
     calls::StackEndWrite,
+    forged::BadWiringName,
+    forged::BadUnwiringName,
+    forged::BadWiringReason,
+    forged::ForgedHandles,
+    forged::ForgedNumbers,
+    forged::CallsOfTheOtherSide,
+    forged::CallsOnThread,
+    forged::CallsInSignalHandler,
+    parked::ParkedSleeper,
+    parked::ParkedAsker,
+    parked::FaultBeside,
+    parked::LostBeside,
+    parked::FaultInHandler,
     hooks::InConstructor,
     hooks::InInitialize,
     hooks::InStart,

@@ -65,7 +65,7 @@ fn double_free() {
 }
 
 /// The blocks are too large for the allocator's lists of small ones, whose checks take no lock.
-fn corrupt_heap() {
+pub(crate) fn corrupt_heap() {
     const SIZE: usize = 4096;
     // SAFETY: none; the writes beyond the block are the fault. They hit the head of the next block, which is ours too.
     unsafe {

@@ -14,7 +14,8 @@ impl Member {
         let Some(fault) = callback::astray(&report.event, report.at_ns) else { return };
         let is_lost = fault.symptom.loses_instance();
         let instance = report.owner.instance;
-        let unit = self.unit.as_mut().filter(|unit| unit.number == instance || instance == Owner::NONE.instance);
+        let unit =
+            self.unit.as_mut().filter(|unit| unit.owner.instance == instance || instance == Owner::NONE.instance);
         let is_present = unit.is_some();
         unit.into_iter().for_each(|unit| unit.spent |= is_lost);
         match self.state() {
@@ -28,7 +29,7 @@ impl Member {
     fn blame_standby(&mut self, instance: u64, fault: &Fault, crew: &mut Crew) {
         if fault.symptom.loses_instance() {
             let mut units = self.standbys.iter_mut().map(|standby| &mut standby.unit);
-            let standby = units.find_map(|unit| unit.take_if(|unit| unit.number == instance));
+            let standby = units.find_map(|unit| unit.take_if(|unit| unit.owner.instance == instance));
             if let Some(mut unit) = standby.or_else(|| self.find_spare(instance)) {
                 unit.spent = true;
                 crew.dispose(&self.slot, unit);

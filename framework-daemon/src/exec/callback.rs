@@ -4,8 +4,8 @@
 use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
-use super::strand::{self, Pause, Strand};
-use super::unit::{Parts, Unit};
+use super::strand::{self, Frame, Pause, Strand};
+use super::unit::{Limits, Parts, Unit};
 use crate::detect::{crash, taint};
 use crate::model::fault::{Evidence, Fault, Memory, ShortText};
 use crate::model::symptom::Symptom;
@@ -18,6 +18,9 @@ use crate::sys::foreign::Event;
 use crate::sys::seat::{self, Owner};
 use crate::sys::trap::{Site, Trap};
 
+/// Fibers for callbacks.
+pub type Fibers = FiberPool<Frame>;
+
 /// What a callback is entered with.
 #[derive(Clone, Copy)]
 pub struct Call<'a> {
@@ -29,6 +32,8 @@ pub struct Call<'a> {
     pub fault: FaultArgs<'a>,
     /// The time, where it was looked up just now; 0: not known. To ask takes as long as the way into a callback.
     pub now_ns: u64,
+    /// By how much that may lie in the past, in nanoseconds.
+    pub slack_ns: u64,
     /// What is to be served.
     pub serve: ServeArgs,
 }
@@ -37,7 +42,7 @@ impl Call<'_> {
     /// A plain call.
     #[must_use]
     pub const fn plain(hook: Hook) -> Self {
-        Self { hook, inject: 0, fault: FaultArgs::NONE, now_ns: 0, serve: ServeArgs::NONE }
+        Self { hook, inject: 0, fault: FaultArgs::NONE, now_ns: 0, slack_ns: 0, serve: ServeArgs::NONE }
     }
 
     /// A plain call at that time, which is now.
@@ -48,10 +53,23 @@ impl Call<'_> {
 }
 
 impl<'a> Call<'a> {
-    /// As it crosses the border, with the time.
-    fn args(&self) -> CallArgs<'a> {
-        let now_ns = if self.now_ns == 0 { clock::now_ns() } else { self.now_ns };
+    /// As it crosses the border. Where the time is not known exactly, the component asks for it if it wants to know.
+    pub(super) fn args(&self) -> CallArgs<'a> {
+        let now_ns = if self.slack_ns == 0 { self.now_ns } else { 0 };
         CallArgs { hook: self.hook, inject: self.inject, now_ns, fault: self.fault, serve: self.serve }
+    }
+
+    /// When it must have returned.
+    fn deadline_ns(&self, limits: &Limits) -> u64 {
+        (self.now_ns + self.slack_ns).saturating_add(limits.of(self.hook))
+    }
+
+    /// With the time, if it had none.
+    pub(super) fn timed(mut self) -> Self {
+        if self.now_ns == 0 {
+            self.now_ns = clock::now_ns();
+        }
+        self
     }
 }
 
@@ -59,12 +77,12 @@ impl<'a> Call<'a> {
 ///
 /// # Errors
 /// The fault that ended it.
-pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
-    let args = call.args();
-    let deadline_ns = args.now_ns.saturating_add(unit.limits.of(call.hook));
+pub fn enter(fibers: &mut Fibers, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
+    let call = call.timed();
+    let (args, deadline_ns) = (call.args(), call.deadline_ns(&unit.limits));
     let instance = &mut unit.instance;
     let mut status = CallStatus::Done;
-    let owner = Owner { slot, instance: unit.number };
+    let owner = unit.owner;
     // One place from the innermost call to the outermost: a fault is large.
     let mut result =
         guarded(fibers, owner, unit.limits.stack_bytes, deadline_ns, &mut || status = instance.enter(&args));
@@ -76,22 +94,15 @@ pub fn enter(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit, call: 
     result
 }
 
-/// Enters a callback of `unit` that may wait.
+/// Enters a callback of `unit` that may wait, at the time that `call` says: it knows one.
 ///
 /// # Errors
 /// The fault that ended it.
-pub fn begin(
-    fibers: &mut FiberPool,
-    slot: &'static str,
-    unit: &mut Unit,
-    strand: &mut Strand,
-    call: Call<'static>,
-) -> Result<Pause, Fault> {
-    let args = call.args();
-    let deadline_ns = args.now_ns.saturating_add(unit.limits.of(call.hook));
+pub fn begin(fibers: &mut Fibers, unit: &mut Unit, strand: &mut Strand, call: &Call<'static>) -> Result<Pause, Fault> {
+    let deadline_ns = call.deadline_ns(&unit.limits);
     let may_wait = strand::may_wait(call.hook);
-    let frame = strand.frame(unit.instance.entry(), args, unit.limits);
-    take_seat(Owner { slot, instance: unit.number });
+    let frame = strand.frame(unit.instance.entry(), call, &unit.limits);
+    take_seat(&unit.owner);
     match fibers.begin(unit.limits.stack_bytes, deadline_ns, may_wait, frame) {
         Ok(progress) => settle(fibers, unit, strand, progress),
         Err(error) => Err(no_stack(&error)),
@@ -103,23 +114,22 @@ pub fn begin(
 /// # Errors
 /// The fault that ended it.
 pub fn go_on(
-    fibers: &mut FiberPool,
-    slot: &'static str,
+    fibers: &mut Fibers,
     unit: &mut Unit,
     strand: &mut Strand,
-    now_ns: u64,
+    begins_ns: u64,
     may_wait: bool,
 ) -> Result<Pause, Fault> {
     let Some(ticket) = strand.take_ticket() else { return Ok(Pause::Done) };
-    take_seat(Owner { slot, instance: unit.number });
-    let deadline_ns = now_ns.saturating_add(unit.limits.hang_ns);
+    take_seat(&unit.owner);
+    let deadline_ns = begins_ns.saturating_add(unit.limits.hang_ns);
     match fibers.go_on(ticket, deadline_ns, may_wait) {
         Some(progress) => settle(fibers, unit, strand, progress),
         None => Ok(Pause::Done),
     }
 }
 
-fn settle(fibers: &FiberPool, unit: &mut Unit, strand: &mut Strand, progress: Progress) -> Result<Pause, Fault> {
+fn settle(fibers: &Fibers, unit: &mut Unit, strand: &mut Strand, progress: Progress<Frame>) -> Result<Pause, Fault> {
     match progress {
         Progress::Done(errand) => match crash::of_status(strand.put_back(errand)) {
             Some(symptom) => Err(told(symptom, "")),
@@ -141,10 +151,10 @@ fn settle(fibers: &FiberPool, unit: &mut Unit, strand: &mut Strand, progress: Pr
 ///
 /// # Errors
 /// The fault that ended it; for a property that does not fit, with its text.
-pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Result<Box<Unit>, Fault> {
+pub fn create(fibers: &mut Fibers, parts: Parts) -> Result<Box<Unit>, Fault> {
     let mut built = None;
     let limits = parts.limits();
-    let owner = Owner { slot, instance: parts.number() };
+    let owner = parts.owner();
     let deadline_ns = clock::now_ns() + limits.of(Hook::Initialize);
     // Nothing that is made on the fiber may need to be dropped: a trap would leak it.
     let texts = parts.texts();
@@ -162,13 +172,8 @@ pub fn create(fibers: &mut FiberPool, slot: &'static str, parts: Parts) -> Resul
 ///
 /// # Errors
 /// The fault that ended it: the memory is not there.
-pub fn touch(
-    fibers: &mut FiberPool,
-    slot: &'static str,
-    unit: &mut Unit,
-    closure: &mut dyn FnMut(),
-) -> Result<(), Fault> {
-    let (owner, limits) = (Owner { slot, instance: unit.number }, unit.limits);
+pub fn touch(fibers: &mut Fibers, unit: &mut Unit, closure: &mut dyn FnMut()) -> Result<(), Fault> {
+    let (owner, limits) = (unit.owner, unit.limits);
     let deadline_ns = clock::now_ns().saturating_add(limits.hang_ns);
     let result = guarded(fibers, owner, limits.stack_bytes, deadline_ns, closure);
     unit.spent |= result.is_err();
@@ -185,9 +190,9 @@ pub struct Disposal {
 }
 
 /// Gets rid of a unit: dropped where it is sound, quarantined where it trapped or traps in its drop.
-pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Box<Unit>) -> Disposal {
+pub fn dispose(fibers: &mut Fibers, mut unit: Box<Unit>) -> Disposal {
     unit.close();
-    let fault = if unit.spent { None } else { drop_object(fibers, slot, &mut unit) };
+    let fault = if unit.spent { None } else { drop_object(fibers, &mut unit) };
     let dropped = !unit.spent;
     if unit.spent {
         unit.quarantine();
@@ -195,8 +200,8 @@ pub fn dispose(fibers: &mut FiberPool, slot: &'static str, mut unit: Box<Unit>) 
     Disposal { dropped, fault }
 }
 
-fn drop_object(fibers: &mut FiberPool, slot: &'static str, unit: &mut Unit) -> Option<Fault> {
-    let (owner, limits) = (Owner { slot, instance: unit.number }, unit.limits);
+fn drop_object(fibers: &mut Fibers, unit: &mut Unit) -> Option<Fault> {
+    let (owner, limits) = (unit.owner, unit.limits);
     let deadline_ns = clock::now_ns() + limits.of(Hook::Destroy);
     let (instance, mut status) = (&mut unit.instance, CallStatus::Done);
     let ended = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || status = instance.destroy());
@@ -221,13 +226,13 @@ pub fn side_report() -> Option<Fault> {
 }
 
 fn guarded(
-    fibers: &mut FiberPool,
+    fibers: &mut Fibers,
     owner: Owner,
     stack_bytes: usize,
     deadline_ns: u64,
     closure: &mut dyn FnMut(),
 ) -> Result<(), Fault> {
-    take_seat(owner);
+    take_seat(&owner);
     match fibers.run(stack_bytes, deadline_ns, closure) {
         Ok(Ended::Returned) => Ok(()),
         Ok(Ended::Trapped) => Err(last_trap(fibers)),
@@ -236,7 +241,7 @@ fn guarded(
 }
 
 /// Says whose code runs from now on.
-fn take_seat(owner: Owner) {
+fn take_seat(owner: &Owner) {
     if seat::enter(owner) {
         // Nobody's any more.
         let _ = forget_notes();
@@ -250,7 +255,7 @@ fn no_stack(error: &std::io::Error) -> Fault {
 
 /// The fault of the fiber that trapped just now. Built where it is to lie: a fault is large.
 #[inline(always)]
-fn last_trap(fibers: &FiberPool) -> Fault {
+fn last_trap(fibers: &Fibers) -> Fault {
     match fibers.trap() {
         Some(trap) => trapped(trap),
         None => told(Symptom::CrashSegv, ""),

@@ -2,15 +2,14 @@
 
 use std::collections::VecDeque;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 use component_sdk::abi::class::Hook;
 
-use super::callback::{self, Call};
+use super::callback::{self, Call, Fibers};
 use super::checkpoint::Checkpoint;
 use super::recover::Breath;
 use super::service;
-use super::slot::{Slot, Status};
+use super::slot::Slot;
 use super::strand::{Job, Pause, Strand};
 use super::unit::Unit;
 use super::workshop::Shelf;
@@ -22,12 +21,11 @@ use crate::port::pattern::provider::Openness;
 use crate::profile::plan::{Preload, Trigger};
 use crate::sys::bell::{Ring, Signal};
 use crate::sys::clock;
-use crate::sys::fiber_pool::FiberPool;
 
 /// What an executor's members share.
 pub struct Crew {
     /// Fibers of this thread.
-    pub fibers: FiberPool,
+    pub fibers: Fibers,
     /// To the fault manager.
     pub faults: FaultSender,
     /// An instance trapped on this thread.
@@ -35,23 +33,34 @@ pub struct Crew {
     /// When the last callback ended, as long as that is as good as now; 0: not known. To look takes as long as the way into
     /// a callback, so that the end of one is the beginning of the next.
     pub ended_ns: u64,
+    ended_exactly: bool,
 }
 
 impl Crew {
     /// Of the executor whose thread calls it.
     #[must_use]
     pub fn new(faults: FaultSender) -> Self {
-        Self { fibers: FiberPool::default(), faults, lost: false, ended_ns: 0 }
+        Self { fibers: Fibers::default(), faults, lost: false, ended_ns: 0, ended_exactly: false }
     }
 
-    /// When a callback that follows the last one at once begins.
+    /// When a callback that follows the last one at once begins: to the nanosecond, or to a tick.
     #[must_use]
-    pub fn now_ns(&mut self) -> u64 {
+    fn begins_ns(&mut self, exactly: bool) -> u64 {
         match std::mem::take(&mut self.ended_ns) {
-            0 => clock::now_ns(),
-            ended_ns => ended_ns,
+            ended_ns if ended_ns != 0 && (self.ended_exactly || !exactly) => ended_ns,
+            _ => now_ns(exactly),
         }
     }
+
+    fn ends_ns(&mut self, exactly: bool) -> u64 {
+        (self.ended_ns, self.ended_exactly) = (now_ns(exactly), exactly);
+        self.ended_ns
+    }
+}
+
+#[inline]
+fn now_ns(exactly: bool) -> u64 {
+    if exactly { clock::now_ns() } else { clock::recent_ns() }
 }
 
 /// A secondary of the slot.
@@ -158,7 +167,7 @@ impl Member {
     /// The fault that ended it.
     pub fn enter(&mut self, call: Call<'_>, crew: &mut Crew) -> Result<(), Fault> {
         let Some(unit) = self.unit.as_mut() else { return Ok(()) };
-        crew.enter(&self.slot, unit, call)
+        crew.enter(unit, call)
     }
 
     /// `start`: the slot becomes active.
@@ -226,16 +235,30 @@ impl Member {
         self.reach_for_spare();
         let inject = self.inject.pop_front().unwrap_or(0);
         let job = Job::Execute { queued: self.queued() };
-        let now_ns = crew.now_ns();
+        let call = Call { inject, ..self.call(Hook::Execute, crew) };
         // Looked at where it lies: a fault is large.
-        let result = self.undertake(job, Call { inject, ..Call::at(Hook::Execute, now_ns) }, crew);
-        self.after(&result, now_ns, crew);
+        let result = self.undertake(job, &call, crew);
+        self.after(&result, call.now_ns, crew);
+    }
+
+    /// A callback that begins now. To look at the clock takes as long as the way into a callback and back: where no limit is
+    /// near, a tick of the kernel will do, but for a sample of them.
+    pub(super) fn call(&mut self, hook: Hook, crew: &mut Crew) -> Call<'static> {
+        let is_tight = self.unit.as_ref().is_none_or(|unit| unit.limits.is_tight());
+        let exact = is_tight || self.strand.is_sample() || matches!(self.trigger, Trigger::Periodic(_));
+        self.strand.exact = exact;
+        Call { slack_ns: self.slack_ns(), ..Call::at(hook, crew.begins_ns(exact)) }
+    }
+
+    /// By how much a moment may lie in the past.
+    const fn slack_ns(&self) -> u64 {
+        if self.strand.exact { 0 } else { clock::TICK_NS }
     }
 
     /// Goes on with the callback that waits.
     pub fn go_on(&mut self, crew: &mut Crew) {
-        let now_ns = crew.now_ns();
-        let result = self.resume(now_ns, true, crew);
+        let now_ns = crew.begins_ns(self.strand.exact);
+        let result = self.resume(now_ns + self.slack_ns(), true, crew);
         self.after(&result, now_ns, crew);
     }
 
@@ -243,15 +266,15 @@ impl Member {
     ///
     /// # Errors
     /// The fault that ended it.
-    pub(super) fn undertake(&mut self, job: Job, call: Call<'static>, crew: &mut Crew) -> Result<Pause, Fault> {
+    pub(super) fn undertake(&mut self, job: Job, call: &Call<'static>, crew: &mut Crew) -> Result<Pause, Fault> {
         self.strand.take_up(job);
         let Some(unit) = self.unit.as_mut() else { return Ok(Pause::Done) };
-        crew.begin(&self.slot, unit, &mut self.strand, call)
+        crew.begin(unit, &mut self.strand, call)
     }
 
-    fn resume(&mut self, now_ns: u64, may_wait: bool, crew: &mut Crew) -> Result<Pause, Fault> {
+    fn resume(&mut self, begins_ns: u64, may_wait: bool, crew: &mut Crew) -> Result<Pause, Fault> {
         let Some(unit) = self.unit.as_mut() else { return Ok(Pause::Done) };
-        crew.go_on(&self.slot, unit, &mut self.strand, now_ns, may_wait)
+        crew.go_on(unit, &mut self.strand, begins_ns, may_wait)
     }
 
     /// What follows a stretch of a callback that may wait.
@@ -260,9 +283,9 @@ impl Member {
             Ok(pause) => *pause,
             Err(fault) => return self.handle(fault, crew),
         };
-        let ended_ns = clock::now_ns();
-        self.strand.ran_ns += ended_ns - began_ns;
-        crew.ended_ns = ended_ns;
+        let took_ns = crew.ends_ns(self.strand.exact).saturating_sub(began_ns);
+        // It may have been a tick less: no component is said to be slower than it is.
+        self.strand.ran_ns += took_ns.saturating_sub(self.slack_ns());
         match pause {
             Pause::Done => self.finish(self.strand.ran_ns, crew),
             // The next callback on this thread would erase it.
@@ -314,8 +337,7 @@ impl Member {
     }
 
     fn completed(&mut self, took_ns: u64, crew: &mut Crew) {
-        Status::count(&self.slot.status.cycles);
-        self.slot.status.longest_ns.fetch_max(took_ns, Ordering::Relaxed);
+        self.slot.status.count_cycle(took_ns);
         match callback::side_report() {
             Some(fault) => self.handle(&fault, crew),
             None => self.judge_time(took_ns, crew),
@@ -334,7 +356,7 @@ impl Member {
     fn back_up(&mut self, crew: &mut Crew) {
         let (Some(checkpoint), Some(unit)) = (&mut self.checkpoint, &mut self.unit) else { return };
         if checkpoint.is_due()
-            && let Err(fault) = crew.back_up(&self.slot, unit, checkpoint)
+            && let Err(fault) = crew.back_up(unit, checkpoint)
         {
             self.handle(&fault, crew);
         }

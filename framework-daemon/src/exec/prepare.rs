@@ -24,7 +24,7 @@ impl Crew {
     /// The fault of its constructor or of `initialize`.
     pub fn make(&mut self, slot: &Slot, recipe: &Recipe) -> Result<Box<Unit>, Fault> {
         let parts = recipe.gather(slot).map_err(|text| callback::told(Symptom::Error, &text))?;
-        let unit = callback::create(&mut self.fibers, slot.name, parts);
+        let unit = callback::create(&mut self.fibers, parts);
         self.lost |= unit.as_ref().is_err_and(|fault| fault.symptom.loses_instance());
         let unit = unit?;
         self.first(slot, unit, Hook::Initialize)
@@ -42,7 +42,7 @@ impl Crew {
 
     /// Enters one of the first callbacks of a unit that is not in use yet.
     fn first(&mut self, slot: &Slot, mut unit: Box<Unit>, hook: Hook) -> Result<Box<Unit>, Fault> {
-        match self.enter(slot, &mut unit, Call::plain(hook)) {
+        match self.enter(&mut unit, Call::plain(hook)) {
             Ok(()) => Ok(unit),
             Err(fault) => {
                 self.dispose(slot, unit);
@@ -55,8 +55,8 @@ impl Crew {
     ///
     /// # Errors
     /// The fault that ended it.
-    pub fn enter(&mut self, slot: &Slot, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
-        let result = callback::enter(&mut self.fibers, slot.name, unit, call);
+    pub fn enter(&mut self, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
+        let result = callback::enter(&mut self.fibers, unit, call);
         self.ended_ns = 0;
         self.look_after(unit);
         result
@@ -66,14 +66,8 @@ impl Crew {
     ///
     /// # Errors
     /// The fault that ended it.
-    pub fn begin(
-        &mut self,
-        slot: &Slot,
-        unit: &mut Unit,
-        strand: &mut Strand,
-        call: Call<'static>,
-    ) -> Result<Pause, Fault> {
-        let result = callback::begin(&mut self.fibers, slot.name, unit, strand, call);
+    pub fn begin(&mut self, unit: &mut Unit, strand: &mut Strand, call: &Call<'static>) -> Result<Pause, Fault> {
+        let result = callback::begin(&mut self.fibers, unit, strand, call);
         self.look_after(unit);
         result
     }
@@ -84,13 +78,12 @@ impl Crew {
     /// The fault that ended it.
     pub fn go_on(
         &mut self,
-        slot: &Slot,
         unit: &mut Unit,
         strand: &mut Strand,
-        now_ns: u64,
+        begins_ns: u64,
         may_wait: bool,
     ) -> Result<Pause, Fault> {
-        let result = callback::go_on(&mut self.fibers, slot.name, unit, strand, now_ns, may_wait);
+        let result = callback::go_on(&mut self.fibers, unit, strand, begins_ns, may_wait);
         self.look_after(unit);
         result
     }
@@ -110,15 +103,12 @@ impl Crew {
     ///
     /// # Errors
     /// The fault that the copy met.
-    pub fn back_up(&mut self, slot: &Slot, unit: &mut Unit, checkpoint: &mut Checkpoint) -> Result<(), Fault> {
+    pub fn back_up(&mut self, unit: &mut Unit, checkpoint: &mut Checkpoint) -> Result<(), Fault> {
         self.ended_ns = 0;
         let regions = std::mem::take(&mut unit.regions);
         let has_room = checkpoint.make_room(&regions);
-        let copied = if has_room {
-            callback::touch(&mut self.fibers, slot.name, unit, &mut || checkpoint.copy(&regions))
-        } else {
-            Ok(())
-        };
+        let copied =
+            if has_room { callback::touch(&mut self.fibers, unit, &mut || checkpoint.copy(&regions)) } else { Ok(()) };
         unit.regions = regions;
         self.lost |= unit.spent;
         if has_room && copied.is_ok() {
@@ -131,10 +121,10 @@ impl Crew {
     ///
     /// # Errors
     /// The fault that the copy met.
-    pub fn restore(&mut self, slot: &Slot, unit: &mut Unit, checkpoint: &Checkpoint) -> Result<Option<u64>, Fault> {
+    pub fn restore(&mut self, unit: &mut Unit, checkpoint: &Checkpoint) -> Result<Option<u64>, Fault> {
         let Some(age_ns) = checkpoint.age_for(&unit.regions) else { return Ok(None) };
         let regions = std::mem::take(&mut unit.regions);
-        let restored = callback::touch(&mut self.fibers, slot.name, unit, &mut || checkpoint.restore(&regions));
+        let restored = callback::touch(&mut self.fibers, unit, &mut || checkpoint.restore(&regions));
         unit.regions = regions;
         self.lost |= unit.spent;
         restored.map(|()| Some(age_ns))
@@ -150,7 +140,7 @@ impl Crew {
         for hook in [Hook::Stop, Hook::Destroy] {
             if !unit.spent
                 && (hook == Hook::Destroy || unit.started)
-                && let Err(fault) = self.enter(slot, &mut unit, Call::plain(hook))
+                && let Err(fault) = self.enter(&mut unit, Call::plain(hook))
             {
                 self.note(slot, unit.class, fault);
             }
@@ -161,7 +151,7 @@ impl Crew {
     /// Gets rid of a unit: dropped where it is sound, quarantined and counted where it is not.
     pub fn dispose(&mut self, slot: &Slot, unit: Box<Unit>) {
         let class = unit.class;
-        let disposal = callback::dispose(&mut self.fibers, slot.name, unit);
+        let disposal = callback::dispose(&mut self.fibers, unit);
         if let Some(fault) = disposal.fault {
             self.note(slot, class, fault);
         }

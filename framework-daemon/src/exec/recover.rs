@@ -282,7 +282,7 @@ impl Member {
     /// The successor goes on from the slot's checkpoint.
     fn restore(&mut self, crew: &mut Crew) -> Result<Option<u64>, Fault> {
         match (&self.checkpoint, &mut self.unit) {
-            (Some(checkpoint), Some(unit)) => crew.restore(&self.slot, unit, checkpoint),
+            (Some(checkpoint), Some(unit)) => crew.restore(unit, checkpoint),
             _ => Ok(None),
         }
     }
@@ -324,7 +324,7 @@ impl Member {
         self.step(Event::Recover);
         self.step(Event::Start);
         let executes = self.trigger != Trigger::Passive;
-        let result = self.undertake(Job::Succeed { executes }, call, crew);
+        let result = self.undertake(Job::Succeed { executes }, &call.timed(), crew);
         self.keep_side_report();
         let (hook, at_ns) = self.strand.last().unwrap_or_else(|| (Hook::Execute, clock::now_ns()));
         let times = &mut climb.record.times;
@@ -333,7 +333,7 @@ impl Member {
                 times.ready_ns = Some(at_ns.saturating_sub(fault.at_ns));
                 if pause == Pause::Done {
                     times.first_callback_ns = Some(since(fault));
-                    Status::count(&self.slot.status.cycles);
+                    self.slot.status.count_cycle(0);
                 }
             }
             Ok(_) => times.ready_ns = Some(since(fault)),
@@ -354,7 +354,7 @@ impl Member {
         if self.trigger == Trigger::Passive {
             return Step::Works;
         }
-        match self.undertake(Job::Execute { queued: 0 }, Call::at(Hook::Execute, now_ns), crew) {
+        match self.undertake(Job::Execute { queued: 0 }, &Call::at(Hook::Execute, now_ns), crew) {
             Err(second) => {
                 self.step(Event::Fault);
                 return climb.fail(second);
@@ -368,7 +368,7 @@ impl Member {
         }
         climb.record.times.first_callback_ns = Some(since(fault));
         self.keep_side_report();
-        Status::count(&self.slot.status.cycles);
+        self.slot.status.count_cycle(0);
         Step::Works
     }
 

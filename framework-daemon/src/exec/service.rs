@@ -15,9 +15,9 @@ impl Member {
             return;
         }
         let Some(serve) = self.slot.providers.iter().find_map(|port| port.next()) else { return };
-        let now_ns = crew.now_ns();
-        let result = self.undertake(Job::Serve, Call { serve, ..Call::at(Hook::Serve, now_ns) }, crew);
-        self.after(&result, now_ns, crew);
+        let call = Call { serve, ..self.call(Hook::Serve, crew) };
+        let result = self.undertake(Job::Serve, &call, crew);
+        self.after(&result, call.now_ns, crew);
     }
 }
 

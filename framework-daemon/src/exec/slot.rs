@@ -89,7 +89,8 @@ pub struct Status {
     pub quarantined: AtomicU64,
     /// Faults after which memory may be damaged.
     pub tainted: AtomicU64,
-    /// Longest `on_execute` in nanoseconds.
+    /// Longest `on_execute` in nanoseconds, of those that were measured exactly: all of periodic slots and of those with a
+    /// deadline, one of sixteen otherwise. The others count with what they took at least, which is up to 10 ms less.
     pub longest_ns: AtomicU64,
 }
 
@@ -135,6 +136,15 @@ impl Status {
     /// Counts a fault after which memory may be damaged, if it is one.
     pub fn count_taint(&self, memory: Memory) {
         self.tainted.fetch_add(u64::from(memory == Memory::Suspect), Ordering::Relaxed);
+    }
+
+    /// Counts an `on_execute` that took so long. By the slot's executor, which is the only one to count them.
+    #[inline]
+    pub fn count_cycle(&self, took_ns: u64) {
+        self.cycles.store(self.cycles.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
+        if took_ns > self.longest_ns.load(Ordering::Relaxed) {
+            self.longest_ns.store(took_ns, Ordering::Relaxed);
+        }
     }
 
     /// Counts one.

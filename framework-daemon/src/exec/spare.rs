@@ -39,7 +39,7 @@ impl Member {
     /// The spare that is the instance of that number.
     pub(super) fn find_spare(&mut self, number: u64) -> Option<Box<Unit>> {
         match &self.spare {
-            Some(spare) if spare.number == number => self.put_spare_down(),
+            Some(spare) if spare.owner.instance == number => self.put_spare_down(),
             _ => self.shelf.take_instance(number),
         }
     }

@@ -6,17 +6,19 @@
 //!
 //! A thread for each callback was the alternative: it costs two wake-ups where this costs two switches of registers.
 
-use std::any::Any;
-
 use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
+use super::callback::Call;
 use super::unit::Limits;
 use crate::plugin::instance::Entry;
 use crate::sys::bell::Rings;
 use crate::sys::fiber::Errand;
 use crate::sys::fiber_pool::Ticket;
 use crate::sys::{clock, trap};
+
+/// One callback of so many is measured exactly where none has to be.
+const SAMPLED: u32 = 16;
 
 /// Which callback it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -61,6 +63,9 @@ pub struct Strand {
     pub job: Job,
     /// How long it ran so far, waits left out, in nanoseconds.
     pub ran_ns: u64,
+    /// What is measured of it is exact.
+    pub exact: bool,
+    begun: u32,
     /// What was rung for meanwhile.
     held: Rings,
     /// Kept between callbacks, so that none allocates.
@@ -72,6 +77,13 @@ impl Strand {
     /// Another callback begins.
     pub fn take_up(&mut self, job: Job) {
         (self.job, self.ran_ns) = (job, 0);
+        self.begun = self.begun.wrapping_add(1);
+    }
+
+    /// One of many is measured exactly.
+    #[must_use]
+    pub const fn is_sample(&self) -> bool {
+        self.begun.is_multiple_of(SAMPLED)
     }
 
     /// True while it waits.
@@ -106,14 +118,17 @@ impl Strand {
     }
 
     /// What the fiber is given to enter the callback.
-    pub(super) fn frame(&mut self, entry: Entry, args: CallArgs<'static>, limits: Limits) -> Box<Frame> {
-        let fresh = Frame { entry, args, limits, job: self.job, status: CallStatus::Done };
+    pub(super) fn frame(&mut self, entry: Entry, call: &Call<'static>, limits: &Limits) -> Box<Frame> {
+        let (next, status) = (Next::of(self.job), CallStatus::Done);
         match self.frame.take() {
             Some(mut frame) => {
-                *frame = fresh;
+                // Each for itself: a whole that was put together elsewhere is copied from there before it is complete there.
+                (frame.entry, frame.next, frame.status) = (entry, next, status);
+                frame.args = call.args();
+                frame.limits = *limits;
                 frame
             }
-            None => Box::new(fresh),
+            None => Box::new(Frame { entry, args: call.args(), limits: *limits, next, status }),
         }
     }
 
@@ -124,9 +139,10 @@ impl Strand {
     }
 
     /// What came back from the fiber: how the callback ended.
-    pub(super) fn put_back(&mut self, errand: Box<dyn Errand>) -> CallStatus {
-        self.frame = errand.into_any().downcast().ok();
-        self.frame.as_ref().map_or(CallStatus::Done, |frame| frame.status)
+    pub(super) fn put_back(&mut self, frame: Box<Frame>) -> CallStatus {
+        let status = frame.status;
+        self.frame = Some(frame);
+        status
     }
 }
 
@@ -135,17 +151,34 @@ pub struct Frame {
     entry: Entry,
     args: CallArgs<'static>,
     limits: Limits,
-    job: Job,
+    next: Next,
     status: CallStatus,
+}
+
+/// What follows on the same fiber.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Next {
+    Nothing,
+    Start,
+    StartAndExecute,
+}
+
+impl Next {
+    const fn of(job: Job) -> Self {
+        match job {
+            Job::Succeed { executes: true } => Self::StartAndExecute,
+            Job::Succeed { executes: false } => Self::Start,
+            _ => Self::Nothing,
+        }
+    }
 }
 
 impl Frame {
     /// Turns to the next callback of a succession; false: there is none.
     fn turn_to_next(&mut self) -> bool {
-        let Job::Succeed { executes } = self.job else { return false };
-        let hook = match self.args.hook {
-            Hook::Recover => Hook::Start,
-            Hook::Start if executes => Hook::Execute,
+        let hook = match (self.next, self.args.hook) {
+            (Next::Start | Next::StartAndExecute, Hook::Recover) => Hook::Start,
+            (Next::StartAndExecute, Hook::Start) => Hook::Execute,
             _ => return false,
         };
         // `start` has seconds: whether `recover` took microseconds or all that it may is nothing to it.
@@ -167,9 +200,5 @@ impl Errand for Frame {
         while self.status == CallStatus::Done && self.turn_to_next() {
             self.status = self.entry.enter(&self.args);
         }
-    }
-
-    fn into_any(self: Box<Self>) -> Box<dyn Any> {
-        self
     }
 }

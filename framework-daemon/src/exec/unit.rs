@@ -17,6 +17,7 @@ use crate::plugin::Class;
 use crate::plugin::instance::{self, Instance};
 use crate::port::border::Binding;
 use crate::profile::plan::Execution;
+use crate::sys::seat::Owner;
 use crate::sys::{arch, clock};
 
 /// Finds and loads a class when it is needed: `preload="none"`.
@@ -79,6 +80,12 @@ impl Limits {
         Some(Fault { at_ns, ..Fault::told(Symptom::Overrun, now, evidence) })
     }
 
+    /// True where time is measured exactly: a callback has a budget, or must return so soon that a tick of the kernel counts.
+    #[must_use]
+    pub const fn is_tight(&self) -> bool {
+        self.budget_ns.is_some() || self.hang_ns < 10 * clock::TICK_NS
+    }
+
     /// Time in which that callback must return, in nanoseconds.
     #[must_use]
     pub const fn of(&self, hook: Hook) -> u64 {
@@ -101,8 +108,8 @@ impl Limits {
 pub struct Unit {
     /// The instance.
     pub instance: Instance,
-    /// Its number: no other instance ever has the same.
-    pub number: u64,
+    /// Its slot, and its number: no other instance ever has the same.
+    pub owner: Owner,
     /// Its class's name.
     pub class: &'static str,
     /// Number of the slot's recipe that it was made after.
@@ -120,7 +127,7 @@ pub struct Unit {
 
 /// All that is there before the constructor runs.
 pub struct Parts {
-    number: u64,
+    owner: Owner,
     class: Class,
     bindings: Vec<Binding>,
     handles: Vec<PortHandle>,
@@ -148,11 +155,11 @@ impl Recipe {
     pub fn gather(&self, slot: &Slot) -> Result<Parts, String> {
         let class = self.class()?;
         let decl = &class.exported().decl;
-        let number = instance::next_number();
-        let bindings = bind(decl, slot, number)?;
+        let owner = Owner { slot: slot.name, instance: instance::next_number() };
+        let bindings = bind(decl, slot, owner.instance)?;
         let handles = bindings.iter().map(Binding::handle).collect();
         let properties = decl.properties.iter().map(|property| self.property(property)).collect();
-        Ok(Parts { number, class, bindings, handles, properties, recipe: self.number, limits: self.limits })
+        Ok(Parts { owner, class, bindings, handles, properties, recipe: self.number, limits: self.limits })
     }
 
     fn property(&self, decl: &component_sdk::abi::class::PropertyDecl) -> String {
@@ -193,7 +200,7 @@ impl Parts {
         Box::new(Unit {
             regions: critical_fields(&self.class.exported().decl, instance.address()),
             instance,
-            number: self.number,
+            owner: self.owner,
             class: self.class.name(),
             recipe: self.recipe,
             limits: self.limits,
@@ -203,10 +210,10 @@ impl Parts {
         })
     }
 
-    /// Number of the instance to be.
+    /// The instance to be.
     #[must_use]
-    pub const fn number(&self) -> u64 {
-        self.number
+    pub const fn owner(&self) -> Owner {
+        self.owner
     }
 
     /// What its callbacks may take.

@@ -116,7 +116,7 @@ impl Shelf {
     /// The spare of that number, if it is here.
     pub(super) fn take_instance(&self, number: u64) -> Option<Box<Unit>> {
         (0..self.ready.len()).filter_map(|_| self.ready.pop()).find_map(|unit| {
-            if unit.number == number {
+            if unit.owner.instance == number {
                 return Some(unit);
             }
             // There is room: it was taken out just now, unless the workshop was faster.

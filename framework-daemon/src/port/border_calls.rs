@@ -159,7 +159,7 @@ mod tests {
         let owner = 0x5eed_0001;
         let asking = binding(PortEnd::Requestor(Arc::clone(&requestor)), owner);
         let answering = binding(PortEnd::Provider(Arc::clone(&provider)), owner);
-        assert!(!seat::enter(Owner { slot: "both", instance: owner }));
+        assert!(!seat::enter(&Owner { slot: "both", instance: owner }));
         assert_eq!(loan(asking.handle()).status, Status::Disconnected.code(), "at rest");
         asking.open();
         answering.open();

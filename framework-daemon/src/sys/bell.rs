@@ -2,14 +2,17 @@
 //! member is only queued and runs when the callback of the other returns or waits: no thread hop.
 //!
 //! Who rings says why, not what: the member looks at its ports itself. So a ring too many costs a look, and none is lost:
-//! an executor looks at its queue before it sleeps.
+//! an executor looks at its queues before it sleeps.
+//!
+//! What the executor's own thread rings for has words of its own: an operation that other processors must agree to takes as
+//! long as the way into a callback.
 
-use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
 use crossbeam_queue::ArrayQueue;
 
+use super::seat;
 use super::wake::Waker;
 use crate::model::limits::SLOTS;
 
@@ -19,25 +22,29 @@ pub const MEMBERS_MAX: usize = 2 * SLOTS;
 /// What others may touch of an executor.
 pub struct Bell {
     waker: Waker,
-    ready: ArrayQueue<usize>,
+    near: Near,
+    far: ArrayQueue<usize>,
+    /// The last member came from the others.
+    was_far: AtomicBool,
     retired: AtomicBool,
-}
-
-thread_local! {
-    static HERE: Cell<*const Bell> = const { Cell::new(std::ptr::null()) };
 }
 
 impl Bell {
     /// A silent one.
     #[must_use]
     pub fn new() -> Arc<Self> {
-        Arc::new(Self { waker: Waker::default(), ready: ArrayQueue::new(MEMBERS_MAX), retired: AtomicBool::new(false) })
+        Arc::new(Self {
+            waker: Waker::default(),
+            near: Near::new(),
+            far: ArrayQueue::new(MEMBERS_MAX),
+            was_far: AtomicBool::new(false),
+            retired: AtomicBool::new(false),
+        })
     }
 
-    /// Says that the calling thread is this executor's; true where it was not before.
-    #[inline(never)]
-    pub fn adopt(self: &Arc<Self>) -> bool {
-        !std::ptr::eq(HERE.replace(Arc::as_ptr(self)), Arc::as_ptr(self))
+    /// Says that the calling thread is this executor's.
+    pub fn adopt(self: &Arc<Self>) {
+        seat::sit_at(Arc::as_ptr(self).cast());
     }
 
     /// The executor's thread will do nothing any more, though it may not end.
@@ -58,23 +65,85 @@ impl Bell {
 
     /// Waits for a wake-up or the deadline; returns at once while somebody is to be looked at.
     pub fn wait_until(&self, deadline_ns: Option<u64>) {
-        if self.ready.is_empty() {
+        if self.near.is_empty() && self.far.is_empty() {
             self.waker.wait_until(deadline_ns);
         }
     }
 
-    /// The next member to look at.
+    /// The next member to look at. Those that others rang for take turns with those that the executor's own thread did, so that
+    /// neither waits for ever.
     #[must_use]
     pub fn next_ready(&self) -> Option<usize> {
-        self.ready.pop()
+        if !self.far.is_empty() && (self.near.is_empty() || !self.was_far.load(Ordering::Relaxed)) {
+            self.was_far.store(true, Ordering::Relaxed);
+            return self.far.pop();
+        }
+        self.was_far.store(false, Ordering::Relaxed);
+        self.near.pop()
     }
 
-    fn ring(&self, member: usize) {
-        // Each member is in the queue at most once, so that it cannot be full.
-        let _ = self.ready.push(member);
-        if !std::ptr::eq(HERE.get(), self) {
-            self.waker.wake();
+    /// True on the executor's thread, in a callback or between two: not in a signal handler that interrupts it.
+    #[inline]
+    fn is_here(&self) -> bool {
+        seat::is_at(std::ptr::from_ref(self).cast())
+    }
+}
+
+/// Numbers that the executor's own thread rang for. Touched by no other thread; atomic all the same, because a callback
+/// may be ended at any instruction, and so that what a thread does that only shares its thread-locals is no undefined behaviour.
+struct Near {
+    places: Box<[AtomicU32]>,
+    head: AtomicUsize,
+    tail: AtomicUsize,
+}
+
+impl Near {
+    fn new() -> Self {
+        let places = (0..MEMBERS_MAX).map(|_| AtomicU32::new(0)).collect();
+        Self { places, head: AtomicUsize::new(0), tail: AtomicUsize::new(0) }
+    }
+
+    #[inline]
+    fn is_empty(&self) -> bool {
+        self.head.load(Ordering::Relaxed) == self.tail.load(Ordering::Relaxed)
+    }
+
+    /// False: there is no room.
+    #[inline]
+    fn push(&self, member: usize) -> bool {
+        let tail = self.tail.load(Ordering::Relaxed);
+        let Some(place) = self.places.get(tail) else { return self.close_up(member) };
+        place.store(member as u32, Ordering::Relaxed);
+        self.tail.store(tail + 1, Ordering::Release);
+        true
+    }
+
+    /// The far end is reached: what is left moves to the beginning.
+    #[cold]
+    fn close_up(&self, member: usize) -> bool {
+        let (head, tail) = (self.head.load(Ordering::Relaxed), self.tail.load(Ordering::Relaxed));
+        if head == 0 {
+            return false;
         }
+        for (to, from) in (head..tail).enumerate() {
+            let number = self.places[from].load(Ordering::Relaxed);
+            self.places[to].store(number, Ordering::Relaxed);
+        }
+        self.head.store(0, Ordering::Relaxed);
+        self.tail.store(tail - head, Ordering::Release);
+        self.push(member)
+    }
+
+    /// The executor's loop only.
+    #[inline]
+    fn pop(&self) -> Option<usize> {
+        let (head, tail) = (self.head.load(Ordering::Relaxed), self.tail.load(Ordering::Relaxed));
+        let member = self.places.get(head).filter(|_| head != tail)?.load(Ordering::Relaxed) as usize;
+        // From the beginning whenever it is empty: the same few words all the time.
+        let (head, tail) = if head + 1 == tail { (0, 0) } else { (head + 1, tail) };
+        self.head.store(head, Ordering::Relaxed);
+        self.tail.store(tail, Ordering::Relaxed);
+        Some(member)
     }
 }
 
@@ -130,14 +199,18 @@ impl Rings {
 pub struct Signal {
     bell: Arc<Bell>,
     member: AtomicUsize,
-    rings: AtomicU32,
+    /// Why the executor's own thread rang.
+    near: AtomicU32,
+    /// Why others did.
+    far: AtomicU32,
 }
 
 impl Signal {
     /// Of a member that has no number yet.
     #[must_use]
     pub fn new(bell: Arc<Bell>) -> Arc<Self> {
-        Arc::new(Self { bell, member: AtomicUsize::new(usize::MAX), rings: AtomicU32::new(0) })
+        let [near, far] = [AtomicU32::new(0), AtomicU32::new(0)];
+        Arc::new(Self { bell, member: AtomicUsize::new(usize::MAX), near, far })
     }
 
     /// Sets the member's number.
@@ -145,23 +218,52 @@ impl Signal {
         self.member.store(member, Ordering::Release);
     }
 
-    /// Why it was rung for; the next ring queues the member again.
+    /// Why it was rung for; the next ring queues the member again. On the executor's thread only.
     #[must_use]
+    #[inline]
     pub fn take(&self) -> Rings {
-        Rings(self.rings.swap(0, Ordering::AcqRel))
+        let near = self.near.load(Ordering::Relaxed);
+        self.near.store(0, Ordering::Relaxed);
+        let far = match self.far.load(Ordering::Relaxed) {
+            0 => 0,
+            _ => self.far.swap(0, Ordering::AcqRel),
+        };
+        Rings(near | far)
     }
 
     /// Has the member looked at.
+    #[inline]
     pub fn ring(&self, why: Ring) {
         self.ring_again(why.into());
     }
 
     /// Has the member looked at for reasons that were taken too early.
+    #[inline]
     pub fn ring_again(&self, rings: Rings) {
         let member = self.member.load(Ordering::Acquire);
-        if member != usize::MAX && !rings.is_empty() && self.rings.fetch_or(rings.0, Ordering::AcqRel) == 0 {
-            self.bell.ring(member);
+        if member == usize::MAX || rings.is_empty() {
+            return;
         }
+        if self.bell.is_here() && self.ring_near(member, rings) {
+            return;
+        }
+        if self.far.fetch_or(rings.0, Ordering::AcqRel) == 0 {
+            // Each member is in the queue at most once, so that it cannot be full.
+            let _ = self.bell.far.push(member);
+            self.bell.wake();
+        }
+    }
+
+    /// Queued before it is said why: a callback that is ended in between leaves a look too many, not a member that is never
+    /// queued again.
+    #[inline]
+    fn ring_near(&self, member: usize, rings: Rings) -> bool {
+        let before = self.near.load(Ordering::Relaxed);
+        if before == 0 && !self.bell.near.push(member) {
+            return false;
+        }
+        self.near.store(before | rings.0, Ordering::Relaxed);
+        true
     }
 }
 
@@ -184,5 +286,43 @@ mod tests {
         signal.ring_again(rings.without(Ring::Wait));
         assert_eq!(bell.next_ready(), Some(3));
         assert!(!signal.take().has(Ring::Wait) && signal.take().is_empty());
+    }
+
+    #[test]
+    fn those_that_its_own_thread_rings_for_and_those_of_others_take_turns() {
+        let bell = Bell::new();
+        let signals: Vec<_> = (0..6).map(|_| Signal::new(Arc::clone(&bell))).collect();
+        signals.iter().enumerate().for_each(|(number, signal)| signal.assign(number));
+        signals[3..].iter().for_each(|signal| signal.ring(Ring::Data));
+        bell.adopt();
+        assert!(!seat::enter(&seat::Owner { slot: "", instance: 1 }));
+        for _ in 0..3 {
+            signals[..3].iter().for_each(|signal| signal.ring(Ring::Data));
+        }
+        let order: Vec<_> = std::iter::from_fn(|| bell.next_ready()).collect();
+        assert_eq!(order, [3, 0, 4, 1, 5, 2]);
+        assert!(signals.iter().all(|signal| signal.take().has(Ring::Data)));
+        let interrupted = seat::interrupt(seat::Owner::NONE);
+        signals[0].ring(Ring::Wait);
+        seat::resume(interrupted);
+        assert!(bell.near.is_empty(), "a handler may interrupt a ring");
+        assert_eq!(bell.next_ready(), Some(0));
+        bell.wait_until(None);
+    }
+
+    #[test]
+    fn what_its_own_thread_rings_for_keeps_its_order_beyond_the_far_end() {
+        let near = Near::new();
+        let mut next = 0;
+        for round in 0..3 * MEMBERS_MAX {
+            assert!(near.push(round));
+            if round >= 10 {
+                assert_eq!(near.pop(), Some(next));
+                next += 1;
+            }
+        }
+        assert_eq!(std::iter::from_fn(|| near.pop()).count(), 10);
+        assert!(near.is_empty() && near.pop().is_none());
+        assert_eq!((0..=MEMBERS_MAX).take_while(|number| near.push(*number)).count(), MEMBERS_MAX);
     }
 }

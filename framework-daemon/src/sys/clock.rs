@@ -3,6 +3,9 @@
 
 use std::cell::Cell;
 
+/// By how much [`recent_ns`] may lie in the past, in nanoseconds, as far as its thread is let run: the longest tick of the kernel.
+pub const TICK_NS: u64 = 10_000_000;
+
 thread_local! {
     // `const` and without destructor: signal handlers may read the clock at any moment.
     static LAST: Cell<u64> = const { Cell::new(0) };

@@ -5,7 +5,6 @@
 //! undefined for that very reason.
 #![allow(unsafe_code, reason = "address of unsafe: stacks, and closures that cross to them")]
 
-use std::any::Any;
 use std::cell::{Cell, OnceCell, UnsafeCell};
 use std::mem::ManuallyDrop;
 use std::ops::Range;
@@ -29,28 +28,31 @@ pub const NEVER: u64 = u64::MAX;
 type Job = *mut &'static mut dyn FnMut();
 
 /// Work that may wait, and so outlives the call that began it.
-pub trait Errand: Send {
+pub trait Errand: Send + 'static {
     /// Does it.
     fn run(&mut self);
+}
 
-    /// The way back to what it is.
-    fn into_any(self: Box<Self>) -> Box<dyn Any>;
+/// No errand: for fibers that run closures only.
+impl Errand for () {
+    fn run(&mut self) {}
 }
 
 /// What a fiber and its executor share.
-struct Core {
+struct Core<E> {
     armed: OnceCell<Armed>,
     job: Cell<Job>,
-    errand: UnsafeCell<Option<Box<dyn Errand>>>,
+    errand: UnsafeCell<Option<Box<E>>>,
 }
 
 /// In the place of a job: the errand.
 const ERRAND: Job = std::ptr::without_provenance_mut(align_of::<&'static mut dyn FnMut()>());
 
-/// A stack and what runs on it. Runs one closure after the other.
-pub struct Fiber {
+/// A stack and what runs on it. Runs one closure after the other, and errands of one kind: which one it is need not be asked
+/// on the way into every callback.
+pub struct Fiber<E: Errand> {
     coroutine: ManuallyDrop<Coroutine<(), (), (), OwnStack>>,
-    core: Rc<Core>,
+    core: Rc<Core<E>>,
     /// Its stack's addresses.
     range: Range<usize>,
     pub(super) stack_bytes: usize,
@@ -92,7 +94,7 @@ pub fn park(until_ns: u64) -> Result<(), NotHere> {
     Ok(())
 }
 
-impl Fiber {
+impl<E: Errand> Fiber<E> {
     /// A fiber with a stack of about `stack_bytes` and a guard page below, of no executor in particular.
     ///
     /// # Errors
@@ -108,7 +110,7 @@ impl Fiber {
     pub fn leased(stack_bytes: usize, lease: &Lease) -> std::io::Result<Self> {
         let stack = OwnStack::new(stack_bytes)?;
         let (low, high, range) = (stack.limit().get(), stack.base().get(), stack.range());
-        let core = Rc::new(Core {
+        let core: Rc<Core<E>> = Rc::new(Core {
             armed: OnceCell::new(),
             job: Cell::new(std::ptr::null_mut()),
             errand: UnsafeCell::new(None),
@@ -164,7 +166,7 @@ impl Fiber {
     ///
     /// # Panics
     /// As [`Self::run`].
-    pub(super) fn begin(&mut self, deadline_ns: u64, may_wait: bool, errand: Box<dyn Errand>) {
+    pub(super) fn begin(&mut self, deadline_ns: u64, may_wait: bool, errand: Box<E>) {
         assert!(self.state == State::Idle, "a fiber that trapped or waits takes no errand");
         // SAFETY: the fiber is idle: it does not touch it.
         unsafe { *self.core.errand.get() = Some(errand) };
@@ -194,7 +196,7 @@ impl Fiber {
     }
 
     /// The errand that it ran last, unless it waits.
-    pub(super) fn take_errand(&mut self) -> Option<Box<dyn Errand>> {
+    pub(super) fn take_errand(&mut self) -> Option<Box<E>> {
         if matches!(self.state, State::Waiting(_)) {
             return None;
         }
@@ -209,7 +211,7 @@ impl Fiber {
     }
 }
 
-impl Drop for Fiber {
+impl<E: Errand> Drop for Fiber<E> {
     fn drop(&mut self) {
         if self.state == State::Idle {
             // Its loop ends by itself; only then may its stack be freed.
@@ -231,7 +233,7 @@ mod tests {
 
     #[test]
     fn a_fiber_runs_one_closure_after_the_other() {
-        let mut fiber = Fiber::new(64 << 10).unwrap();
+        let mut fiber = Fiber::<()>::new(64 << 10).unwrap();
         let mut sum = 0;
         for i in 0..100 {
             assert!(matches!(fiber.run(NEVER, &mut || sum += i), Ended::Returned));

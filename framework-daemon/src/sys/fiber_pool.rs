@@ -10,14 +10,14 @@ use crate::model::limits::{IDLE_FIBERS, TOUCHED_STACK_BYTES, WAITING_FIBERS};
 
 /// Fibers with stacks of one size.
 #[allow(clippy::vec_box, reason = "they are moved from one to the other")]
-type Shelf = Vec<Box<Fiber>>;
+type Shelf<E> = Vec<Box<Fiber<E>>>;
 
 /// Fibers for one executor, by size of stack.
-pub struct FiberPool {
+pub struct FiberPool<E: Errand> {
     // Boxed: one that trapped is put aside while a recovery waits.
-    idle: Vec<(usize, Shelf)>,
-    spent: Shelf,
-    waiting: Vec<Option<Box<Fiber>>>,
+    idle: Vec<(usize, Shelf<E>)>,
+    spent: Shelf<E>,
+    waiting: Vec<Option<Box<Fiber<E>>>>,
     lease: Lease,
 }
 
@@ -26,16 +26,16 @@ pub struct FiberPool {
 pub struct Ticket(usize);
 
 /// How far an errand got.
-pub enum Progress {
+pub enum Progress<E> {
     /// It is done.
-    Done(Box<dyn Errand>),
+    Done(Box<E>),
     /// A trap ended it; [`FiberPool::trap`] tells which.
-    Trapped(Box<dyn Errand>),
+    Trapped(Box<E>),
     /// It waits until that moment, unless it is to go on before.
     Waits(Ticket, u64),
 }
 
-impl Default for FiberPool {
+impl<E: Errand> Default for FiberPool<E> {
     /// For the executor whose thread calls it.
     fn default() -> Self {
         Self {
@@ -47,7 +47,7 @@ impl Default for FiberPool {
     }
 }
 
-impl FiberPool {
+impl<E: Errand> FiberPool<E> {
     /// Runs `closure` on a fiber with a stack of that size; it must return until `deadline_ns`.
     ///
     /// # Errors
@@ -73,8 +73,8 @@ impl FiberPool {
         stack_bytes: usize,
         deadline_ns: u64,
         may_wait: bool,
-        errand: Box<dyn Errand>,
-    ) -> std::io::Result<Progress> {
+        errand: Box<E>,
+    ) -> std::io::Result<Progress<E>> {
         let shelf = stocked(&mut self.idle, stack_bytes, &self.lease)?;
         let Some(fiber) = shelf.last_mut() else { return Err(std::io::ErrorKind::OutOfMemory.into()) };
         // In its place on the shelf, as long as it does not wait.
@@ -90,7 +90,7 @@ impl FiberPool {
 
     /// Goes on with an errand that waits; where it may not wait any more, it comes to its end. `None`: there is none.
     #[allow(clippy::needless_pass_by_value, reason = "a ticket is good for once")]
-    pub fn go_on(&mut self, ticket: Ticket, deadline_ns: u64, may_wait: bool) -> Option<Progress> {
+    pub fn go_on(&mut self, ticket: Ticket, deadline_ns: u64, may_wait: bool) -> Option<Progress<E>> {
         let mut fiber = self.waiting.get_mut(ticket.0)?.take()?;
         fiber.go_on(deadline_ns, may_wait);
         self.sort(fiber)
@@ -103,7 +103,7 @@ impl FiberPool {
     }
 
     /// Puts a fiber that ran an errand to where it belongs now.
-    fn sort(&mut self, mut fiber: Box<Fiber>) -> Option<Progress> {
+    fn sort(&mut self, mut fiber: Box<Fiber<E>>) -> Option<Progress<E>> {
         if let State::Waiting(until_ns) = fiber.state {
             let place = self.waiting.iter().position(Option::is_none).unwrap_or_else(|| {
                 self.waiting.push(None);
@@ -155,7 +155,7 @@ impl FiberPool {
 }
 
 /// Fibers with a stack of that size.
-fn shelf(idle: &mut Vec<(usize, Shelf)>, stack_bytes: usize) -> &mut Shelf {
+fn shelf<E: Errand>(idle: &mut Vec<(usize, Shelf<E>)>, stack_bytes: usize) -> &mut Shelf<E> {
     let index = idle.iter().position(|(size, _)| *size == stack_bytes).unwrap_or_else(|| {
         idle.push((stack_bytes, Vec::with_capacity(IDLE_FIBERS)));
         idle.len() - 1
@@ -164,7 +164,11 @@ fn shelf(idle: &mut Vec<(usize, Shelf)>, stack_bytes: usize) -> &mut Shelf {
 }
 
 /// As [`shelf`], with a fiber on it at least.
-fn stocked<'a>(idle: &'a mut Vec<(usize, Shelf)>, stack_bytes: usize, lease: &Lease) -> std::io::Result<&'a mut Shelf> {
+fn stocked<'a, E: Errand>(
+    idle: &'a mut Vec<(usize, Shelf<E>)>,
+    stack_bytes: usize,
+    lease: &Lease,
+) -> std::io::Result<&'a mut Shelf<E>> {
     let shelf = shelf(idle, stack_bytes);
     if shelf.is_empty() {
         shelf.push(Box::new(Fiber::leased(stack_bytes, lease)?));
@@ -180,8 +184,6 @@ fn touch_stack() {
 #[cfg(test)]
 #[allow(unsafe_code, reason = "a trap, which is what is tested")]
 mod tests {
-    use std::any::Any;
-
     use super::super::fiber::{NotHere, park};
     use super::super::trap;
     use super::*;
@@ -198,18 +200,10 @@ mod tests {
                 self.refused += u32::from(park(7).is_err());
             }
         }
-
-        fn into_any(self: Box<Self>) -> Box<dyn Any> {
-            self
-        }
     }
 
     fn waits(times: u32) -> Box<Waits> {
         Box::new(Waits { times, refused: 0 })
-    }
-
-    fn refused(errand: Box<dyn Errand>) -> u32 {
-        errand.into_any().downcast::<Waits>().unwrap().refused
     }
 
     #[test]
@@ -230,7 +224,7 @@ mod tests {
                 .filter_map(|ticket| match pool.go_on(ticket, NEVER, true).unwrap() {
                     Progress::Waits(ticket, _) => Some(ticket),
                     Progress::Done(errand) => {
-                        assert_eq!(refused(errand), 0);
+                        assert_eq!(errand.refused, 0);
                         None
                     }
                     Progress::Trapped(_) => panic!("nothing trapped"),
@@ -247,7 +241,7 @@ mod tests {
             panic!("it waits")
         };
         let Some(Progress::Done(errand)) = pool.go_on(ticket, NEVER, false) else { panic!("it ends") };
-        assert_eq!(refused(errand), 4, "the first wait had begun");
+        assert_eq!(errand.refused, 4, "the first wait had begun");
     }
 
     #[test]
@@ -273,9 +267,6 @@ mod tests {
                 // SAFETY: none; the write faults, which is what is tested.
                 unsafe { std::hint::black_box(16 as *mut u32).write_volatile(1) };
             }
-            fn into_any(self: Box<Self>) -> Box<dyn Any> {
-                self
-            }
         }
         trap::install();
         let _stack = crate::sys::thread::SignalStack::new();
@@ -289,7 +280,7 @@ mod tests {
 
     #[test]
     fn a_pool_keeps_its_fibers() {
-        let mut pool = FiberPool::default();
+        let mut pool = FiberPool::<()>::default();
         let mut address = [0usize; 2];
         for slot in &mut address {
             pool.run(64 << 10, NEVER, &mut || {

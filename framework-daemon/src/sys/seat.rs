@@ -37,22 +37,44 @@ struct Seat {
     owner: Cell<Owner>,
     /// The instance whose callback runs; 0 where the code is that of a thread which a component started.
     entered: Cell<u64>,
+    /// The bell of the executor whose thread this is.
+    bell: Cell<*const ()>,
     notes: Cell<u8>,
 }
 
 thread_local! {
     // `const` and without destructor: signal handlers may read it at any moment.
-    static SEAT: Seat = const { Seat { owner: Cell::new(Owner::NONE), entered: Cell::new(0), notes: Cell::new(0) } };
+    static SEAT: Seat = const {
+        Seat {
+            owner: Cell::new(Owner::NONE),
+            entered: Cell::new(0),
+            bell: Cell::new(std::ptr::null()),
+            notes: Cell::new(0),
+        }
+    };
 }
 
 /// A callback of that instance is entered on this thread; true: an earlier one left something that nobody asked about.
 #[inline(never)]
-pub fn enter(owner: Owner) -> bool {
+pub fn enter(owner: &Owner) -> bool {
     SEAT.with(|seat| {
-        seat.owner.set(owner);
+        seat.owner.set(*owner);
         seat.entered.set(owner.instance);
         seat.notes.get() != 0
     })
+}
+
+/// This thread is the executor's with that bell.
+#[inline(never)]
+pub fn sit_at(bell: *const ()) {
+    SEAT.with(|seat| seat.bell.set(bell));
+}
+
+/// True on the thread of the executor with that bell, but for signal handlers that interrupt a callback.
+#[must_use]
+#[inline(never)]
+pub fn is_at(bell: *const ()) -> bool {
+    SEAT.with(|seat| std::ptr::eq(seat.bell.get(), bell) && seat.entered.get() != 0)
 }
 
 /// Says whose code runs on this thread from now on, other than a callback: a thread's.
@@ -127,9 +149,9 @@ mod tests {
 
     #[test]
     fn a_note_is_left_once_and_taken_once() {
-        assert!(!enter(Owner { slot: "one", instance: 7 }) && !has_notes());
+        assert!(!enter(&Owner { slot: "one", instance: 7 }) && !has_notes());
         assert!(leave(Note::Found) && !leave(Note::Found) && leave(Note::Told));
-        assert!(enter(Owner { slot: "two", instance: 8 }) && has_notes());
+        assert!(enter(&Owner { slot: "two", instance: 8 }) && has_notes());
         assert!(take(Note::Found) && !take(Note::Found) && !take(Note::Region) && take(Note::Told));
         assert!(!has_notes());
         let interrupted = interrupt(Owner::NONE);

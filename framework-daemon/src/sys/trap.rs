@@ -531,7 +531,7 @@ mod tests {
     fn trapped(mut closure: impl FnMut()) -> super::Trap {
         super::install();
         let _stack = SignalStack::new();
-        let mut fiber = Fiber::new(64 << 10).unwrap();
+        let mut fiber = Fiber::<()>::new(64 << 10).unwrap();
         assert_eq!(fiber.run(NEVER, &mut closure), Ended::Trapped);
         *fiber.trap().expect("the handler tells what it saw")
     }

@@ -6,14 +6,13 @@ use std::time::Instant;
 
 use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, FaultArgs, Hook};
-use framework_daemon::exec::callback::{self, Call};
+use framework_daemon::exec::callback::{self, Call, Fibers};
 use framework_daemon::exec::slot::{Slot, Status};
 use framework_daemon::exec::unit::{Limits, Recipe, Source, Unit};
 use framework_daemon::plugin::Plugin;
 use framework_daemon::port::border::HOST;
 use framework_daemon::sys::clock;
 use framework_daemon::sys::fiber::{Fiber, NEVER};
-use framework_daemon::sys::fiber_pool::FiberPool;
 
 use super::stats::Samples;
 use crate::profiles::plugin_dir;
@@ -28,7 +27,7 @@ const STACK: usize = 64 << 10;
 /// When there is no address space for a stack.
 #[must_use]
 pub fn fiber(samples: usize) -> (Samples, Samples) {
-    let mut fiber = Fiber::new(STACK).expect("address space for one stack");
+    let mut fiber = Fiber::<()>::new(STACK).expect("address space for one stack");
     let mut count = 0u64;
     let mut closure = || count = black_box(count + 1);
     let mut bare_count = 0u64;
@@ -50,11 +49,11 @@ pub fn fiber(samples: usize) -> (Samples, Samples) {
 /// When the plugin of the basic components is not there.
 #[must_use]
 pub fn callback(samples: usize) -> (Samples, Samples) {
-    let mut fibers = FiberPool::default();
+    let mut fibers = Fibers::default();
     let (mut guarded, mut bare) = (idle_unit(&mut fibers), idle_unit(&mut fibers));
     interleaved(
         samples,
-        || _ = black_box(callback::enter(&mut fibers, "bench", &mut guarded, Call::plain(Hook::Execute))),
+        || _ = black_box(callback::enter(&mut fibers, &mut guarded, Call::plain(Hook::Execute))),
         || {
             let args = CallArgs {
                 hook: Hook::Execute,
@@ -69,7 +68,7 @@ pub fn callback(samples: usize) -> (Samples, Samples) {
 }
 
 /// A component whose `on_execute` does next to nothing.
-fn idle_unit(fibers: &mut FiberPool) -> Box<Unit> {
+fn idle_unit(fibers: &mut Fibers) -> Box<Unit> {
     let plugin = Plugin::load(&plugin_dir().join("libbasic.so"), &HOST).expect("the plugin is built");
     let class = plugin.class("Diary").expect("the plugin has it");
     let limits = Limits { stack_bytes: STACK, budget_ns: None, hang_ns: 1_000_000_000 };
@@ -85,7 +84,7 @@ fn idle_unit(fibers: &mut FiberPool) -> Box<Unit> {
         status: Status::new(vec!["Diary"]),
     };
     let parts = recipe.gather(&slot).expect("it has no ports");
-    callback::create(fibers, "bench", parts).expect("it has no constructor of its own")
+    callback::create(fibers, parts).expect("it has no constructor of its own")
 }
 
 fn interleaved(samples: usize, mut own: impl FnMut(), mut bare: impl FnMut()) -> (Samples, Samples) {

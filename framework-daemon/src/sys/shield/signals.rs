@@ -360,7 +360,7 @@ mod tests {
     /// Runs as a component's callback does.
     fn as_plugin<T>(closure: impl Fn() -> T) -> T {
         let mut result = None;
-        let ended = Fiber::new(64 << 10).unwrap().run(NEVER, &mut || result = Some(closure()));
+        let ended = Fiber::<()>::new(64 << 10).unwrap().run(NEVER, &mut || result = Some(closure()));
         assert_eq!(ended, Ended::Returned);
         result.unwrap()
     }

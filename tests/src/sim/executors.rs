@@ -26,7 +26,7 @@ pub(super) struct Strand {
 /// An executor.
 #[derive(Default)]
 struct Executor {
-    fibers: FiberPool,
+    fibers: FiberPool<Script>,
     /// Its thread is in the middle of a callback of this slot, and another thread runs.
     busy: Option<(usize, Ticket)>,
 }
@@ -163,7 +163,7 @@ impl Executors {
         }
     }
 
-    fn settle(&mut self, slot: usize, progress: Option<Progress>) {
+    fn settle(&mut self, slot: usize, progress: Option<Progress<Script>>) {
         let executor = self.executor(slot);
         match progress {
             Some(Progress::Waits(ticket, until_ns)) => {
@@ -173,10 +173,7 @@ impl Executors {
                     self.strands[slot].waiting = Some((ticket, until_ns));
                 }
             }
-            Some(Progress::Done(errand)) => {
-                let way = errand.into_any().downcast::<Script>().map(|script| script.way);
-                self.ended(slot, way.unwrap_or(Way::Returned));
-            }
+            Some(Progress::Done(script)) => self.ended(slot, script.way),
             Some(Progress::Trapped(_)) | None => self.world.wrong(format!("the fiber of slot {slot} is gone")),
         }
     }

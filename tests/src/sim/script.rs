@@ -1,6 +1,5 @@
 //! What a callback does: operations drawn by lot, and now and then a fault.
 
-use std::any::Any;
 use std::cell::Cell;
 use std::sync::Arc;
 
@@ -55,10 +54,6 @@ impl Errand for Script {
             Job::Serve(id, number) => actor.serve(id, number),
         }
         self.way = actor.way.get();
-    }
-
-    fn into_any(self: Box<Self>) -> Box<dyn Any> {
-        self
     }
 }
 

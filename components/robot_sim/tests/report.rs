@@ -61,6 +61,7 @@ fn report() -> Report {
         over_ns: end.mono_ns,
         end: Some(end),
         faults: faults(),
+        steered: Vec::new(),
         schedule: schedule::default(),
         ready_ns: READY_NS,
         complaints: Vec::new(),

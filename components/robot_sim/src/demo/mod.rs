@@ -14,6 +14,7 @@ pub mod progress;
 pub mod report;
 pub mod run;
 pub mod schedule;
+pub mod steering;
 pub mod svg;
 pub mod table;
 mod watch;

@@ -19,6 +19,8 @@ pub struct Report {
     pub end: Option<End>,
     /// What failed, in the order of time.
     pub faults: Vec<Fault>,
+    /// Who drove from when on, where a skill changes it: nanoseconds of the monotonic clock, and a name.
+    pub steered: Vec<(u64, String)>,
     /// What was to fail.
     pub schedule: Vec<Injection>,
     /// When the daemon was ready, nanoseconds of the monotonic clock. All times for people count from here.

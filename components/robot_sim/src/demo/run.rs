@@ -11,6 +11,7 @@ use super::profile::{self, Changes};
 use super::progress::Progress;
 use super::report::Report;
 use super::schedule::Injection;
+use super::steering;
 use super::watch::Watch;
 use crate::serve::mono_ns;
 
@@ -66,7 +67,7 @@ pub fn run(settings: &Settings, stop: &AtomicBool, progress: &mut Progress) -> R
     simulator.end();
     watch.look(progress);
     progress.clear();
-    watch.report(&settings.schedule, complaints)
+    watch.report(&settings.schedule, steering::read(&place.daemon_log()), complaints)
 }
 
 /// Where the files of a run are.
@@ -102,6 +103,10 @@ impl Place {
 
     fn journal(&self) -> PathBuf {
         self.out.join("journal.jsonl")
+    }
+
+    fn daemon_log(&self) -> PathBuf {
+        self.out.join("daemon.log")
     }
 
     fn record(&self) -> PathBuf {
@@ -142,7 +147,7 @@ fn start_daemon(settings: &Settings, place: &Place) -> Result<Process, DemoError
     for injection in &settings.schedule {
         command.args(["--inject", &injection.to_string()]);
     }
-    let mut process = Process::start("the daemon", command, &place.out.join("daemon.log"))?;
+    let mut process = Process::start("the daemon", command, &place.daemon_log())?;
     process.wait_ready(DAEMON_PATIENCE)?;
     Ok(process)
 }

@@ -106,7 +106,12 @@ impl Watch {
     }
 
     /// What the run left behind.
-    pub(super) fn report(mut self, schedule: &[Injection], complaints: Vec<String>) -> Result<Report, DemoError> {
+    pub(super) fn report(
+        mut self,
+        schedule: &[Injection],
+        steered: Vec<(u64, String)>,
+        complaints: Vec<String>,
+    ) -> Result<Report, DemoError> {
         // What the daemon reports while it is being ended is about the end, not about the run.
         self.faults.retain(|fault| fault.mono_ns <= self.over_ns);
         // The simulator lingers and records on.
@@ -123,6 +128,7 @@ impl Watch {
             track: self.track,
             end: self.end,
             faults: self.faults,
+            steered,
             schedule: schedule.to_vec(),
             ready_ns: self.ready_ns,
             over_ns: self.over_ns,

@@ -46,7 +46,10 @@ pub(super) fn draw(canvas: &mut Canvas, report: &Report, steering: &Steering, to
 fn steered_by(canvas: &mut Canvas, report: &Report, steering: &Steering, top: f64) -> f64 {
     let mut x = MARGIN;
     for (stretch, (begin, class)) in steering.stretches.iter().enumerate() {
-        let style = format!("stroke:{};stroke-width:4;stroke-linecap:round", Steering::colour(stretch));
+        if steering.first(stretch) != stretch {
+            continue;
+        }
+        let style = format!("stroke:{};stroke-width:4;stroke-linecap:round", steering.colour(stretch));
         canvas.line((x, top - 4.0), (x + 26.0, top - 4.0), &style);
         let name = if class.is_empty() { "path of the robot" } else { class };
         let since = if stretch == 0 { String::new() } else { format!(" from {:.1} s", report.seconds(*begin)) };

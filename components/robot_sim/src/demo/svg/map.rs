@@ -105,7 +105,7 @@ impl Map {
             // One moment more, so that there is no gap between two colours.
             let to = (from + length + 1).min(report.track.len());
             let points: Vec<_> = report.track[from..to].iter().map(|moment| self.place(moment)).collect();
-            let colour = Steering::colour(stretch);
+            let colour = steering.colour(stretch);
             canvas.polyline(&points, &format!("stroke:{colour};stroke-width:3.5;stroke-linejoin:round"));
             from += length;
         }

@@ -59,7 +59,8 @@ fn heading(canvas: &mut Canvas, report: &Report) {
     canvas.text(MARGIN, 53.0, "quiet", &how);
 }
 
-/// Who steered when: every replacement of an instance begins a new stretch of the path.
+/// Who steered when: every replacement of an instance begins a new stretch of the path; or, where a skill says who drives,
+/// what it says.
 struct Steering {
     /// Begin (nanoseconds, monotonic) and class of each stretch.
     stretches: Vec<(u64, String)>,
@@ -67,6 +68,10 @@ struct Steering {
 
 impl Steering {
     fn of(report: &Report) -> Self {
+        if let Some((_, first)) = report.steered.first() {
+            let later = report.steered.iter().skip(1).cloned();
+            return Self { stretches: [(0, first.clone())].into_iter().chain(later).collect() };
+        }
         let replaced = || report.faults.iter().filter_map(|fault| Some((fault, fault.replaced_by()?)));
         let first = replaced().next().map_or_else(String::new, |(fault, _)| fault.class.clone());
         let later = replaced().map(|(fault, successor)| (fault.mono_ns, successor.to_owned()));
@@ -78,7 +83,14 @@ impl Steering {
         self.stretches.partition_point(|(begin, _)| *begin <= mono_ns).saturating_sub(1)
     }
 
-    fn colour(stretch: usize) -> &'static str {
-        STEERED_BY[stretch % STEERED_BY.len()]
+    /// Who steered twice has one colour.
+    fn colour(&self, stretch: usize) -> &'static str {
+        STEERED_BY[self.first(stretch) % STEERED_BY.len()]
+    }
+
+    /// The first stretch of whoever steered in this one.
+    fn first(&self, stretch: usize) -> usize {
+        let name = |stretch: usize| self.stretches.get(stretch).map(|(_, name)| name);
+        (0..stretch).find(|earlier| name(*earlier) == name(stretch)).unwrap_or(stretch)
     }
 }

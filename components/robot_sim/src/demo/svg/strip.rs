@@ -27,7 +27,7 @@ pub(super) fn draw(canvas: &mut Canvas, report: &Report, steering: &Steering, to
     }
     for pair in moments.chunk_by(|a, b| steering.stretch(a.mono_ns) == steering.stretch(b.mono_ns)) {
         let points: Vec<_> = pair.iter().map(|moment| at(report.seconds(moment.mono_ns), speed(moment))).collect();
-        let colour = Steering::colour(pair.first().map_or(0, |moment| steering.stretch(moment.mono_ns)));
+        let colour = steering.colour(pair.first().map_or(0, |moment| steering.stretch(moment.mono_ns)));
         canvas.polyline(&points, &format!("stroke:{colour};stroke-width:2;stroke-linejoin:round"));
     }
     top + HEIGHT + 16.0

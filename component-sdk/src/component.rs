@@ -113,7 +113,8 @@ pub trait Callbacks: Component {
         Ok(())
     }
 
-    /// An event arrived (event ports come with a later version).
+    /// An event arrived at an [`EventIn`](crate::port::EventIn) without a handler, which gives it out. Entered again for the
+    /// next one as long as one is taken each time.
     fn on_event(&mut self, cx: &mut Context<'_>) -> Outcome {
         Ok(())
     }

@@ -68,6 +68,7 @@ pub use component_sdk_derive::{CommObject, Component};
 
 /// All that a component's source file needs.
 pub mod prelude {
+    pub use crate::abi::events::Mode;
     pub use crate::component::{Callbacks, ComponentError, FaultInfo, Outcome};
     pub use crate::context::{Context, Instant, Level};
     pub use crate::object::{CommObject, Sequence, Text};
@@ -76,6 +77,7 @@ pub mod prelude {
         DataIn, DataOut, Loan, Message, Pending, Query, QueryClient, QueryId, QueryServer, Requestor, SendClient,
         SendServer, Sent,
     };
+    pub use crate::port::{EventClient, EventId, EventIn, EventOut, EventServer, EventState};
     pub use crate::status::Status;
     pub use crate::{CommObject, Component, error, export_components, fault, info, warn};
 }

@@ -6,7 +6,9 @@ use abi_stable::std_types::RStr;
 use crate::abi::class::{CreateArgs, PropertyDecl};
 use crate::component::ComponentError;
 use crate::object::CommObject;
-use crate::port::{DataIn, DataOut, QueryClient, QueryServer, SendClient, SendServer};
+use crate::port::{
+    DataIn, DataOut, EventClient, EventIn, EventOut, EventServer, QueryClient, QueryServer, SendClient, SendServer,
+};
 
 /// What a property's text must be.
 #[repr(u8)]
@@ -132,6 +134,30 @@ impl<'a> Builder<'a> {
     #[must_use]
     pub fn send_server<C: CommObject>(&self, index: usize) -> SendServer<C> {
         SendServer::new(self.args.ports[index])
+    }
+
+    /// The client of events at `index`.
+    #[must_use]
+    pub fn event_client<P: CommObject, E: CommObject>(&self, index: usize) -> EventClient<P, E> {
+        EventClient::new(self.args.ports[index])
+    }
+
+    /// The server of events at `index`.
+    #[must_use]
+    pub fn event_server<P: CommObject, E: CommObject, S: ?Sized>(&self, index: usize) -> EventServer<P, E, S> {
+        EventServer::new(self.args.ports[index])
+    }
+
+    /// The event input at `index`.
+    #[must_use]
+    pub fn event_in<E: CommObject>(&self, index: usize) -> EventIn<E> {
+        EventIn::new(self.args.ports[index])
+    }
+
+    /// The event output at `index`.
+    #[must_use]
+    pub fn event_out<E: CommObject>(&self, index: usize) -> EventOut<E> {
+        EventOut::new(self.args.ports[index])
     }
 
     /// The property at `index`.

@@ -13,6 +13,7 @@ const LAYERS: [&str; 12] =
 const UNSAFE: &[&str] = &[
     "component-sdk/derive/src/comm_object.rs",
     "component-sdk/src/abi/calls.rs",
+    "component-sdk/src/abi/events.rs",
     "component-sdk/src/abi/export.rs",
     "component-sdk/src/abi/host.rs",
     "component-sdk/src/abi/inject.rs",
@@ -24,6 +25,7 @@ const UNSAFE: &[&str] = &[
     "component-sdk/src/object/text.rs",
     "component-sdk/src/testing/calls.rs",
     "component-sdk/src/testing/sends.rs",
+    "component-sdk/src/testing/events.rs",
     "component-sdk/src/testing/mod.rs",
     "framework-daemon/src/exec/checkpoint.rs",
     "framework-daemon/src/plugin/instance.rs",

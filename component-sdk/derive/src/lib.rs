@@ -14,7 +14,7 @@ pub fn comm_object(input: TokenStream) -> TokenStream {
 }
 
 /// Makes a struct a component: `#[component(name = "...", version = "...", periodic = "20ms")]`, or `nonperiodic`, or
-/// `passive`; fields with `#[port]`, `#[port(fifo = 8)]`, `#[port(handler = on_query)]`,
+/// `passive`; fields with `#[port]`, `#[port(fifo = 8)]`, `#[port(handler = on_query)]`, `#[port(on_activation = method)]`,
 /// `#[property(default = ..., unit = "...", range = a..=b)]`,
 /// `#[critical]`; any other field starts as its `Default`.
 #[proc_macro_derive(Component, attributes(component, port, property, critical))]

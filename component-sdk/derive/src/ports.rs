@@ -7,8 +7,8 @@ use syn::{Error, Field, Ident, LitInt, Result, Type};
 
 use crate::description;
 
-const KNOWN: &str = "a port is a DataIn<T>, a DataOut<T>, a QueryClient<R, A>, a QueryServer<R, A>, a SendClient<C> or a \
-                     SendServer<C>";
+const KNOWN: &str = "a port is a DataIn<T>, a DataOut<T>, a QueryClient<R, A>, a QueryServer<R, A>, a SendClient<C>, a \
+                     SendServer<C>, an EventClient<P, E>, an EventServer<P, E, S>, an EventIn<E> or an EventOut<E>";
 
 /// The kinds of ports, by the last part of their type's name.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -19,6 +19,10 @@ enum Kind {
     QueryServer,
     SendClient,
     SendServer,
+    EventClient,
+    EventServer,
+    EventIn,
+    EventOut,
 }
 
 impl Kind {
@@ -30,20 +34,37 @@ impl Kind {
             "QueryServer" => Self::QueryServer,
             "SendClient" => Self::SendClient,
             "SendServer" => Self::SendServer,
+            "EventClient" => Self::EventClient,
+            "EventServer" => Self::EventServer,
+            "EventIn" => Self::EventIn,
+            "EventOut" => Self::EventOut,
             _ => return None,
         })
     }
 
-    const fn objects(self) -> usize {
+    /// How many types it is written with.
+    fn types(self) -> std::ops::RangeInclusive<usize> {
         match self {
-            Self::DataIn | Self::DataOut | Self::SendClient | Self::SendServer => 1,
-            Self::QueryClient | Self::QueryServer => 2,
+            Self::DataIn | Self::DataOut | Self::SendClient | Self::SendServer | Self::EventIn | Self::EventOut => {
+                1..=1
+            }
+            Self::QueryClient | Self::QueryServer | Self::EventClient => 2..=2,
+            // What is tested is the event where it is not said.
+            Self::EventServer => 2..=3,
         }
     }
 
-    /// True where a method of the component may be called for what comes in.
-    const fn takes_handler(self) -> bool {
-        matches!(self, Self::QueryServer | Self::SendServer)
+    /// The option that names the method of the component for what comes in, where there may be one.
+    const fn handler(self) -> Option<&'static str> {
+        match self {
+            Self::QueryServer | Self::SendServer | Self::EventClient | Self::EventIn => Some("handler"),
+            Self::EventServer => Some("on_activation"),
+            Self::DataIn | Self::DataOut | Self::QueryClient | Self::SendClient | Self::EventOut => None,
+        }
+    }
+
+    const fn has_queue(self) -> bool {
+        matches!(self, Self::DataIn | Self::EventIn)
     }
 }
 
@@ -72,18 +93,25 @@ impl<'a> Port<'a> {
                 continue;
             }
             attr.parse_nested_meta(|meta| {
-                if meta.path.is_ident("fifo") && self.kind == Kind::DataIn {
+                let is = |name: &str| meta.path.is_ident(name);
+                if is("fifo") && self.kind.has_queue() {
                     self.fifo = meta.value()?.parse::<LitInt>()?.base10_parse()?;
-                } else if meta.path.is_ident("fifo") {
-                    return Err(meta.error("`fifo` belongs to a DataIn: the others have no queue to read from"));
-                } else if meta.path.is_ident("handler") && self.kind.takes_handler() {
+                } else if is("fifo") {
+                    return Err(meta.error("`fifo` belongs to a DataIn or EventIn: the others have no queue to read from"));
+                } else if self.kind.handler().is_some_and(is) {
                     self.handler = Some(meta.value()?.parse()?);
-                } else if meta.path.is_ident("handler") {
-                    return Err(meta.error("`handler` belongs to a server: nothing comes in here to be handled"));
-                } else if meta.path.is_ident("unlisted") {
+                } else if is("unlisted") {
                     self.unlisted = true;
+                } else if is("handler") || is("on_activation") {
+                    return Err(meta.error(
+                        "`handler` belongs to a server, EventClient or EventIn, `on_activation` to an EventServer: nothing \
+                         comes in here to be handled",
+                    ));
                 } else {
-                    return Err(meta.error("known here: fifo = 8 (DataIn), handler = on_query (a server), unlisted"));
+                    return Err(meta.error(
+                        "known here: fifo = 8 (DataIn, EventIn), handler = on_query (a server, EventClient, EventIn), \
+                         on_activation = method (EventServer), unlisted",
+                    ));
                 }
                 Ok(())
             })?;
@@ -100,6 +128,10 @@ impl<'a> Port<'a> {
             Kind::QueryServer => "query_server",
             Kind::SendClient => "send_client",
             Kind::SendServer => "send_server",
+            Kind::EventClient => "event_client",
+            Kind::EventServer => "event_server",
+            Kind::EventIn => "event_in",
+            Kind::EventOut => "event_out",
         };
         Ident::new(name, self.field.ty.span())
     }
@@ -114,10 +146,19 @@ impl<'a> Port<'a> {
             Kind::QueryServer => (quote!(Query), quote!(Input)),
             Kind::SendClient => (quote!(Send), quote!(Output)),
             Kind::SendServer => (quote!(Send), quote!(Input)),
+            Kind::EventClient => (quote!(Event), quote!(Input)),
+            Kind::EventServer => (quote!(Event), quote!(Output)),
+            Kind::EventIn => (quote!(EventPort), quote!(Input)),
+            Kind::EventOut => (quote!(EventPort), quote!(Output)),
         };
         let described = |object: &Type| quote!(<#object as ::component_sdk::object::CommObject>::DESCRIPTOR);
-        let object = described(self.objects[0]);
-        let answer = self.objects.get(1).map_or_else(
+        // Of events the second one is what goes over the connection, the first one what it is asked for with.
+        let (object, answer) = match (self.kind, self.objects.as_slice()) {
+            (Kind::EventClient | Kind::EventServer, [parameter, event, ..]) => (event, Some(parameter)),
+            (_, objects) => (&objects[0], objects.get(1)),
+        };
+        let object = described(object);
+        let answer = answer.map_or_else(
             || quote!(::component_sdk::no_object()),
             |answer| {
                 let answer = described(answer);
@@ -145,12 +186,18 @@ impl<'a> Port<'a> {
     /// What sets the component's gate at this port.
     pub(crate) fn gate(&self) -> Option<TokenStream> {
         let field = self.ident;
-        (self.kind == Kind::QueryClient).then(|| quote!(self.#field.component_blocking(on);))
+        matches!(self.kind, Kind::QueryClient | Kind::EventClient).then(|| quote!(self.#field.component_blocking(on);))
     }
 
     /// What enters its handler.
     pub(crate) fn dispatch(&self) -> Option<TokenStream> {
         let (field, handler) = (self.ident, self.handler.as_ref()?);
+        let (method, found, given) = match self.kind {
+            Kind::EventClient => (quote!(firing), quote!((id, event)), quote!(id, event)),
+            Kind::EventServer => (quote!(activation), quote!(parameter), quote!(parameter)),
+            Kind::EventIn => (quote!(event), quote!(event), quote!(event)),
+            _ => (quote!(query), quote!(query), quote!(query)),
+        };
         // At the attribute: where the method is missing or takes something else, the compiler says so there.
         if self.kind == Kind::SendServer {
             return Some(quote_spanned! {handler.span()=>
@@ -160,8 +207,8 @@ impl<'a> Port<'a> {
             });
         }
         Some(quote_spanned! {handler.span()=>
-            if let ::core::option::Option::Some(query) = incoming.query(&self.#field) {
-                return self.#handler(cx, query);
+            if let ::core::option::Option::Some(#found) = incoming.#method(&self.#field) {
+                return self.#handler(cx, #given);
             }
         })
     }
@@ -211,5 +258,5 @@ fn port_type(ty: &Type) -> Result<(Kind, Vec<&Type>)> {
             _ => None,
         })
         .collect();
-    if objects.len() == kind.objects() { Ok((kind, objects)) } else { Err(unknown()) }
+    if kind.types().contains(&objects.len()) { Ok((kind, objects)) } else { Err(unknown()) }
 }

@@ -74,6 +74,12 @@ pub enum ServeKind {
     Request,
     /// What was sent is to be taken.
     Message,
+    /// An activation of a client of events fired.
+    Firing,
+    /// A server of events has a new activation.
+    Activation,
+    /// An event arrived at an event port.
+    Event,
 }
 
 /// What [`Hook::Serve`](super::class::Hook::Serve) is entered with.
@@ -84,9 +90,9 @@ pub struct ServeArgs {
     pub port: PortHandle,
     /// What it is entered for.
     pub what: ServeKind,
-    /// The server's number of the call.
+    /// The server's number of the call, the client's number of the activation.
     pub id: u64,
-    /// The request, or what was sent.
+    /// The request, what was sent, the event, or the parameter of an activation.
     pub value: *const u8,
 }
 
@@ -238,25 +244,26 @@ impl<'a> Incoming<'a> {
         Self { args }
     }
 
+    /// Number and object of what came in, if it is of that kind and came in at that port.
+    pub(crate) fn at(&self, what: ServeKind, port: PortHandle) -> Option<(u64, *const u8)> {
+        (self.args.what == what && self.args.port == port).then_some((self.args.id, self.args.value))
+    }
+
     /// What was sent, if it came in at this port.
     #[must_use]
     pub fn message<C: CommObject>(&self, server: &SendServer<C>) -> Option<Message<'a, C>> {
-        let (port, id) = (server.handle(), self.args.id);
-        if self.args.what != ServeKind::Message || self.args.port != port {
-            return None;
-        }
-        let command = request_of(self.args.value)?;
+        let port = server.handle();
+        let (id, value) = self.at(ServeKind::Message, port)?;
+        let command = request_of(value)?;
         Some(Message::new(CallRef { port, id }, command))
     }
 
     /// The query, if it came in at this port.
     #[must_use]
     pub fn query<R: CommObject, A: CommObject>(&self, server: &QueryServer<R, A>) -> Option<Query<'a, R, A>> {
-        let (port, id) = (server.handle(), self.args.id);
-        if self.args.what != ServeKind::Request || self.args.port != port {
-            return None;
-        }
-        let request = request_of(self.args.value)?;
+        let port = server.handle();
+        let (id, value) = self.at(ServeKind::Request, port)?;
+        let request = request_of(value)?;
         Some(Query::new(CallRef { port, id }, request))
     }
 }

@@ -83,15 +83,19 @@ pub enum Pattern {
     Query,
     /// A client sends to a server, which answers nothing.
     Send,
+    /// A server tells those of its clients whose test is true.
+    Event,
+    /// A writer sends events to its readers, which are entered for each.
+    EventPort,
 }
 
 /// Direction of a port.
 #[repr(u8)]
 #[derive(StableAbi, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
-    /// Receives: values, or what a server answers or takes.
+    /// Receives: values, events, or what a server answers or takes.
     Input,
-    /// Sends: values, or what a client asks or sends.
+    /// Sends: values, events, or what a client asks or sends.
     Output,
 }
 
@@ -111,7 +115,7 @@ pub struct PortDecl {
     pub direction: Direction,
     /// What it carries; the request of a query, the parameters of a method.
     pub object: &'static TypeDescriptor,
-    /// The answer of a query.
+    /// The answer of a query, the parameter of an event's activation.
     pub answer: ROption<&'static TypeDescriptor>,
     /// The component has a handler for what comes in.
     pub handler: bool,

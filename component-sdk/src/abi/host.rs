@@ -9,6 +9,7 @@ use abi_stable::StableAbi;
 use abi_stable::std_types::{RSlice, RStr};
 
 use super::calls::CallApi;
+use super::events::EventApi;
 use super::links::LinkApi;
 use super::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 
@@ -46,6 +47,8 @@ pub struct HostApi {
     pub sleep: extern "C" fn(nanos: u64) -> bool,
     /// Queries.
     pub calls: CallApi,
+    /// Events.
+    pub events: EventApi,
     /// Connections made and cut at run time.
     pub links: LinkApi,
 }
@@ -81,6 +84,7 @@ static DETACHED: HostApi = HostApi {
     safe_output: detached::safe_output,
     sleep: detached::sleep,
     calls: CallApi::CLOSED,
+    events: EventApi::CLOSED,
     links: LinkApi::CLOSED,
 };
 

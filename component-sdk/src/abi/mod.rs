@@ -15,6 +15,9 @@
 /// Calls crossing the border.
 pub mod calls;
 
+/// Events crossing the border.
+pub mod events;
+
 /// What a plugin exports: classes, their ports and properties, the shims.
 pub mod class;
 

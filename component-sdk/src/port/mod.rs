@@ -4,11 +4,13 @@
 //! says what came between.
 
 mod data;
+mod event;
 mod query;
 mod requestor;
 mod send;
 
 pub use data::{DataIn, DataOut, Loan, Sent};
+pub use event::{EventClient, EventId, EventIn, EventOut, EventServer, EventState};
 pub use query::{Answer, Pending, Query, QueryClient, QueryId, QueryServer, Reply, Request};
 pub use requestor::Requestor;
 pub use send::{Message, Outgoing, SendClient, SendServer};

@@ -26,7 +26,7 @@
 //! A port belongs to its slot: connection and name outlive the instance, and a successor finds both as they were. Both begin
 //! with `start`: an instance that is not in use yet, in `initialize` or as a spare, is answered `Disconnected`.
 
-use super::{DataIn, QueryClient, SendClient};
+use super::{DataIn, EventClient, EventIn, QueryClient, SendClient};
 use crate::abi::host;
 use crate::abi::links::{LinkApi, PortName, Reason};
 use crate::abi::payload::PortHandle;
@@ -106,6 +106,18 @@ impl<R: CommObject, A: CommObject> Handled for QueryClient<R, A> {
 }
 
 impl<C: CommObject> Handled for SendClient<C> {
+    fn handle(&self) -> PortHandle {
+        self.handle
+    }
+}
+
+impl<P: CommObject, E: CommObject> Handled for EventClient<P, E> {
+    fn handle(&self) -> PortHandle {
+        self.handle
+    }
+}
+
+impl<E: CommObject> Handled for EventIn<E> {
     fn handle(&self) -> PortHandle {
         self.handle
     }

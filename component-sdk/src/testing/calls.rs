@@ -8,7 +8,7 @@ use super::{Bench, port};
 use crate::abi::calls::{CallApi, Incoming, Lent, ServeArgs, ServeKind, Wait, Whose};
 use crate::abi::class::{Direction, Pattern, PortDecl};
 use crate::abi::payload::PortHandle;
-use crate::component::Callbacks;
+use crate::component::{Callbacks, Outcome};
 use crate::object::{CommObject, TypeDescriptor};
 use crate::status::Status;
 
@@ -112,8 +112,11 @@ impl<C: Callbacks> Bench<C> {
         }
         drop(port);
         let handle = PortHandle(std::ptr::from_ref(&self.ports[index]).cast());
-        let args = ServeArgs { port: handle, what, id, value: request };
-        self.enter(|component, cx| component.serve(cx, &Incoming::new(&args))).map(|()| id)
+        self.serve(&ServeArgs { port: handle, what, id, value: request }).map(|()| id)
+    }
+
+    pub(super) fn serve(&mut self, args: &ServeArgs) -> Outcome {
+        self.enter(|component, cx| component.serve(cx, &Incoming::new(args)))
     }
 
     /// What became of a query: its answer, once.
@@ -262,14 +265,14 @@ impl Calls {
 pub(super) const API: CallApi =
     CallApi { loan, send, ask, receive, release, discard, blocking, next, opened, answer_loan, answer, refuse };
 
-fn allocate(object: &TypeDescriptor) -> *mut u8 {
+pub(super) fn allocate(object: &TypeDescriptor) -> *mut u8 {
     let layout =
         std::alloc::Layout::from_size_align(object.size.max(1), object.align).expect("a compiler's own layout");
     // SAFETY: the size is not zero.
     unsafe { std::alloc::alloc(layout) }
 }
 
-fn code(result: Result<(), Status>) -> u32 {
+pub(super) fn code(result: Result<(), Status>) -> u32 {
     result.map_or_else(Status::code, |()| 0)
 }
 

@@ -21,6 +21,7 @@
 #![allow(unsafe_code, reason = "address of unsafe: plays the daemon's side of the border")]
 
 mod calls;
+mod events;
 mod links;
 mod sends;
 
@@ -57,6 +58,8 @@ struct BenchPort {
     fifo: bool,
     answer: Option<&'static TypeDescriptor>,
     calls: calls::Calls,
+    events: events::Events,
+    handler: bool,
 }
 
 thread_local! {
@@ -146,7 +149,9 @@ impl<C: Callbacks> Bench<C> {
 
     fn port<T: CommObject>(&self, name: &str, direction: Direction) -> &RefCell<BenchPort> {
         let found = self.decl.ports.iter().position(|port| {
-            port.name.as_str() == name && port.direction == direction && port.pattern == Pattern::Push
+            port.name.as_str() == name
+                && port.direction == direction
+                && matches!(port.pattern, Pattern::Push | Pattern::EventPort)
         });
         let index = found.unwrap_or_else(|| panic!("the class has no {direction:?} port `{name}`"));
         let object = self.decl.ports[index].object;
@@ -245,9 +250,11 @@ impl BenchPort {
             object: decl.object,
             queue: VecDeque::new(),
             current: None,
-            fifo: decl.fifo > 0,
+            fifo: decl.fifo > 0 || decl.pattern == Pattern::EventPort,
             answer: decl.answer.into_option(),
             calls: calls::Calls::new(decl),
+            events: events::Events::default(),
+            handler: decl.handler,
         }
     }
 
@@ -274,6 +281,7 @@ static BENCH: HostApi = HostApi {
     safe_output,
     sleep,
     calls: calls::API,
+    events: events::API,
     links: links::API,
 };
 

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 
 use super::Format;
 use super::exit_code::Exit;
-use crate::model::limits::{INBOX_DEFAULT, PENDING_DEFAULT, WAIT};
+use crate::model::limits::{ACTIVATIONS_DEFAULT, FIFO_SIZE_DEFAULT, INBOX_DEFAULT, PENDING_DEFAULT, WAIT};
 use crate::plugin::{Class, Plugin};
 use crate::port::border::HOST;
 use crate::profile::quantity;
@@ -120,6 +120,7 @@ fn port(port: &PortDecl) -> String {
     match port.pattern {
         Pattern::Push => data_port(port),
         Pattern::Query | Pattern::Send => service_port(port),
+        Pattern::Event | Pattern::EventPort => event_port(port),
     }
 }
 
@@ -144,6 +145,30 @@ fn service_port(port: &PortDecl) -> String {
     )
 }
 
+/// The queue of a client without a handler is never used.
+fn event_port(port: &PortDecl) -> String {
+    let size = if port.fifo > 0 { port.fifo } else { FIFO_SIZE_DEFAULT };
+    let queue = format!("\n      <queue_size>{size}</queue_size>");
+    let settings = match (port.pattern, port.direction) {
+        (_, Direction::Output) => String::new(),
+        (Pattern::Event, Direction::Input) => {
+            let (timeout, queue) = (quantity::format_duration(WAIT), if port.handler { queue.as_str() } else { "" });
+            format!(
+                "{queue}\n      <activations>{ACTIVATIONS_DEFAULT}</activations>\n      <timeout>{timeout}</timeout>"
+            )
+        }
+        (_, Direction::Input) => queue,
+    };
+    format!(
+        "    <event_port>\n      <name>{}</name>\n      <description>{}</description>\n      <usage>{}</usage>\n      \
+         <data_type>{}</data_type>{settings}\n    </event_port>\n",
+        port.name,
+        escape(port.description.as_str()),
+        usage(port),
+        port.object.name
+    )
+}
+
 /// What is asked and what is answered, or what is sent, as the name of an interface.
 fn call_type(port: &PortDecl) -> String {
     match port.answer.into_option() {
@@ -154,10 +179,10 @@ fn call_type(port: &PortDecl) -> String {
 
 fn usage(port: &PortDecl) -> &'static str {
     match (port.pattern, port.direction) {
-        (Pattern::Push, Direction::Input) => "input",
-        (Pattern::Push, Direction::Output) => "output",
         (Pattern::Query | Pattern::Send, Direction::Input) => "provided",
         (Pattern::Query | Pattern::Send, Direction::Output) => "required",
+        (Pattern::Push | Pattern::Event | Pattern::EventPort, Direction::Input) => "input",
+        (Pattern::Push | Pattern::Event | Pattern::EventPort, Direction::Output) => "output",
     }
 }
 

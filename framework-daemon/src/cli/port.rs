@@ -123,12 +123,16 @@ fn describe(answer: &Value) -> Vec<String> {
         "failed",
         "in_hand",
         "refused",
+        "activations",
+        "activations_max",
+        "handled",
+        "fired",
     ];
     // Each kind of port counts something else.
     let told: Vec<&str> = names.into_iter().filter(|name| !answer["port"][*name].is_null()).collect();
     let mut lines = fields(&answer["port"], &told);
     let carried = &answer["layout"];
-    let parts = ["request", "answer"].into_iter().filter(|part| carried.get(part).is_some());
+    let parts = ["request", "answer", "parameter", "event"].into_iter().filter(|part| carried.get(part).is_some());
     let parts: Vec<(&str, &Value)> = parts.map(|part| (part, &carried[part])).collect();
     for (heading, object) in if parts.is_empty() { vec![("layout", carried)] } else { parts } {
         lines.push(heading.to_owned());

@@ -89,7 +89,8 @@ impl Entry {
         let data = slot.inputs.iter().map(|port| &port.name).chain(slot.outputs.iter().map(|port| &port.name));
         let services =
             slot.requestors.iter().map(|port| &port.name).chain(slot.providers.iter().map(|port| &port.name));
-        data.chain(services).map(String::as_str).collect()
+        let events = slot.events.names();
+        data.chain(services).map(String::as_str).chain(events).collect()
     }
 
     /// Why the slot has no port of that name, with the way out.
@@ -133,20 +134,26 @@ impl Directory {
             let end = |port: &str| End { slot: slot.name, port: port.to_owned() };
             served.extend(slot.inputs.iter().map(|port| (address(Arc::as_ptr(port)), end(&port.name))));
             served.extend(slot.providers.iter().map(|port| (address(Arc::as_ptr(port)), end(&port.name))));
+            let events = &slot.events;
+            served.extend(events.inputs.iter().map(|input| (address(Arc::as_ptr(&input.port)), end(&input.port.name))));
+            served.extend(events.servers.iter().map(|port| (address(Arc::as_ptr(port)), end(&port.name))));
         }
         for Entry { slot, .. } in &self.entries {
             let own = |port: &str| End { slot: slot.name, port: port.to_owned() };
-            for port in &slot.outputs {
+            for port in slot.outputs.iter().chain(&slot.events.outputs) {
                 for target in port.links().iter().map(|link| address(Arc::as_ptr(&link.target))) {
                     if let Some(end) = served.get(&target) {
                         wires.join((address(Arc::as_ptr(port)), &own(&port.name)), (target, end));
                     }
                 }
             }
-            for port in &slot.requestors {
-                let target = address(port.peer());
+            let asking =
+                slot.requestors.iter().map(|port| (address(Arc::as_ptr(port)), &port.name, address(port.peer())));
+            let clients = slot.events.clients.iter();
+            let told = clients.map(|port| (address(Arc::as_ptr(port)), &port.name, address(port.peer())));
+            for (client, name, target) in asking.chain(told) {
                 if let Some(end) = served.get(&target) {
-                    wires.join((address(Arc::as_ptr(port)), &own(&port.name)), (target, end));
+                    wires.join((client, &own(name)), (target, end));
                 }
             }
         }

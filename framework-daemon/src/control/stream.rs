@@ -123,15 +123,15 @@ pub(super) fn entry<'a>(directory: &'a Directory, slot: &str) -> Result<&'a Entr
 /// An input itself; for an output the reader whose only writer it is, or else the first.
 fn measuring_point(directory: &Directory, name: &PortName) -> Result<End, Refusal> {
     let entry = entry(directory, &name.slot)?;
-    if entry.slot.input(&name.port).is_some() {
+    if entry.slot.reader(&name.port).is_some() {
         return Ok(End { slot: entry.slot.name, port: name.port.clone() });
     }
-    let Some(output) = entry.slot.output(&name.port) else {
+    let Some(output) = entry.slot.writer(&name.port) else {
         return Err(no_rate(entry, name));
     };
     let wires = directory.wires();
     let writers =
-        |end: &&End| directory.entry(end.slot).and_then(|reader| Some(wires.of(reader.slot.input(&end.port)?).len()));
+        |end: &&End| directory.entry(end.slot).and_then(|reader| Some(wires.of(reader.slot.reader(&end.port)?).len()));
     let best = wires.of(output).iter().min_by_key(|end| writers(end).unwrap_or(usize::MAX));
     best.cloned().ok_or_else(|| {
         let reason = format!("nobody reads {}.{}: values are counted where they arrive", name.slot, name.port);
@@ -141,7 +141,8 @@ fn measuring_point(directory: &Directory, name: &PortName) -> Result<End, Refusa
 
 fn no_rate(entry: &Entry, name: &PortName) -> Refusal {
     let (slot, port) = (&entry.slot, &name.port);
-    if slot.requestor(port).is_some() || slot.provider(port).is_some() {
+    let is_event = || slot.events.names().any(|name| name == port);
+    if slot.requestor(port).is_some() || slot.provider(port).is_some() || is_event() {
         let reason = format!("{}.{port} is no data port: `port info` tells how often it was asked", name.slot);
         return Refusal::NotMeasurable(name.clone(), reason);
     }
@@ -149,7 +150,7 @@ fn no_rate(entry: &Entry, name: &PortName) -> Refusal {
 }
 
 fn received(directory: &Directory, name: &PortName, end: &End) -> Result<u64, Refusal> {
-    let port = directory.entry(end.slot).and_then(|entry| entry.slot.input(&end.port));
+    let port = directory.entry(end.slot).and_then(|entry| entry.slot.reader(&end.port));
     let gone = || Refusal::NoSuchPort(name.clone(), format!("{end}, where it was measured, is gone"));
     port.map(|port| port.counts().0).ok_or_else(gone)
 }

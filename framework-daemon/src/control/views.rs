@@ -15,6 +15,8 @@ use crate::model::limits::{LOST_THREADS_MAX, QUARANTINED_MAX, STACK_BYTES};
 use crate::model::time::nanoseconds;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
+use crate::port::pattern::event_client::EventClient;
+use crate::port::pattern::event_server::EventServer;
 use crate::port::pattern::objects::Objects;
 use crate::port::pattern::provider::Provider;
 use crate::port::pattern::requestor::Requestor;
@@ -146,7 +148,7 @@ fn executor(plan: &SlotPlan) -> &str {
     plan.executor.as_deref().unwrap_or("its own")
 }
 
-/// The ports of a slot: inputs, outputs, clients, servers.
+/// The ports of a slot: inputs, outputs, clients, servers, event ports.
 #[must_use]
 pub fn ports(entry: &Entry, wires: &Wires) -> Vec<Value> {
     let slot = &entry.slot;
@@ -154,7 +156,41 @@ pub fn ports(entry: &Entry, wires: &Wires) -> Vec<Value> {
     let outputs = slot.outputs.iter().map(|port| output(slot.name, port, wires.of(port)));
     let clients = slot.requestors.iter().map(|port| client(slot.name, port, wires.of(port)));
     let servers = slot.providers.iter().map(|port| server(slot.name, port, wires.of(port)));
-    inputs.chain(outputs).chain(clients).chain(servers).collect()
+    inputs.chain(outputs).chain(clients).chain(servers).chain(events(slot, wires)).collect()
+}
+
+/// The event ports of a slot.
+fn events<'a>(slot: &'a Slot, wires: &'a Wires) -> impl Iterator<Item = Value> + 'a {
+    let ports = &slot.events;
+    let inputs = ports.inputs.iter().map(|event| input(slot.name, &event.port, wires.of(&event.port)));
+    let outputs = ports.outputs.iter().map(|port| output(slot.name, port, wires.of(port)));
+    let streams =
+        inputs.map(|fields| turned(fields, "event input")).chain(outputs.map(|fields| turned(fields, "event output")));
+    let clients = ports.clients.iter().map(|port| event_client(slot.name, port, wires.of(port)));
+    let servers = ports.servers.iter().map(|port| event_server(slot.name, port, wires.of(port)));
+    streams.chain(clients).chain(servers)
+}
+
+fn turned(mut fields: Value, direction: &str) -> Value {
+    fields["direction"] = direction.into();
+    fields
+}
+
+fn told_for(event: &TypeDescriptor, parameter: &TypeDescriptor) -> String {
+    format!("{} for {}", event.name, parameter.name)
+}
+
+fn event_client(slot: &str, port: &EventClient, servers: &[End]) -> Value {
+    let (activations, activations_max, waiting, handled) = port.counts();
+    json!({"slot": slot, "port": port.name, "direction": "event client", "type": told_for(port.event, port.parameter),
+        "connections": names(servers), "activations": activations, "activations_max": activations_max,
+        "waiting": waiting, "handled": handled})
+}
+
+fn event_server(slot: &str, port: &EventServer, clients: &[End]) -> Value {
+    let (activations, fired, dropped) = port.counts();
+    json!({"slot": slot, "port": port.name, "direction": "event server", "type": told_for(port.event, port.parameter),
+        "connections": names(clients), "activations": activations, "fired": fired, "dropped": dropped})
 }
 
 fn input(slot: &str, port: &InPort, writers: &[End]) -> Value {
@@ -192,7 +228,7 @@ fn names(ends: &[End]) -> Vec<String> {
 /// The layout of what that port carries; `None`: there is no such port.
 #[must_use]
 pub fn port_layout(slot: &Slot, port: &str) -> Option<Value> {
-    let data = slot.input(port).map(|port| port.object).or_else(|| slot.output(port).map(|port| port.object));
+    let data = slot.reader(port).map(|port| port.object).or_else(|| slot.writer(port).map(|port| port.object));
     let client = || slot.requestor(port).map(|port| port.objects);
     let server = || slot.provider(port).map(|port| port.objects);
     let service = || client().or_else(server);
@@ -200,7 +236,15 @@ pub fn port_layout(slot: &Slot, port: &str) -> Option<Value> {
         Some(answer) => json!({"request": layout(objects.request), "answer": layout(answer)}),
         None => json!({"message": layout(objects.request)}),
     };
-    data.map(layout).or_else(|| service().map(exchanged))
+    data.map(layout).or_else(|| service().map(exchanged)).or_else(|| event_layout(slot, port))
+}
+
+fn event_layout(slot: &Slot, port: &str) -> Option<Value> {
+    let events = &slot.events;
+    let asked = events.clients.iter().find(|event| event.name == port).map(|event| (event.parameter, event.event));
+    let told = || events.servers.iter().find(|event| event.name == port).map(|event| (event.parameter, event.event));
+    let (parameter, event) = asked.or_else(told)?;
+    Some(json!({"parameter": layout(parameter), "event": layout(event)}))
 }
 
 fn policy(queue: Queue) -> String {

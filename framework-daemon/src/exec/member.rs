@@ -327,7 +327,8 @@ impl Member {
     /// after all others that wait for this executor.
     pub(super) fn let_in(&mut self) {
         self.signal.ring_again(self.strand.release());
-        if self.slot.providers.iter().any(|port| port.waits()) {
+        let has_event = self.slot.events.settle();
+        if has_event || self.slot.providers.iter().any(|port| port.waits()) {
             self.signal.ring(Ring::Serve);
         }
     }

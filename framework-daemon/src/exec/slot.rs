@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU8, AtomicU64, AtomicUsize, Ordering};
 use crate::model::fault::Memory;
 use crate::model::lifecycle::State;
 use crate::port::border::PortEnd;
+use crate::port::event_ends::EventEnds;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
 use crate::port::pattern::provider::Provider;
@@ -25,6 +26,8 @@ pub struct Slot {
     pub providers: Vec<Arc<Provider>>,
     /// Names of the ports that others do not find until the component says so.
     pub unlisted: Vec<&'static str>,
+    /// Event ports.
+    pub events: EventEnds,
     /// Counters.
     pub status: Status,
 }
@@ -40,6 +43,18 @@ impl Slot {
     #[must_use]
     pub fn output(&self, name: &str) -> Option<&Arc<OutPort>> {
         self.outputs.iter().find(|port| port.name == name)
+    }
+
+    /// What receives every value or event at the port of that name, and counts it.
+    #[must_use]
+    pub fn reader(&self, name: &str) -> Option<&Arc<InPort>> {
+        self.input(name).or_else(|| self.events.input(name))
+    }
+
+    /// What sends values or events at the port of that name.
+    #[must_use]
+    pub fn writer(&self, name: &str) -> Option<&Arc<OutPort>> {
+        self.output(name).or_else(|| self.events.output(name))
     }
 
     /// The client of that name.
@@ -62,13 +77,14 @@ impl Slot {
         } else {
             self.output(name).cloned().map(PortEnd::Out)
         };
-        data.or_else(|| {
+        let service = || {
             if input {
                 self.provider(name).cloned().map(PortEnd::Provider)
             } else {
                 self.requestor(name).cloned().map(PortEnd::Requestor)
             }
-        })
+        };
+        data.or_else(service).or_else(|| self.events.end(name, input))
     }
 }
 

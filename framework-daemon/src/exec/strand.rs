@@ -44,7 +44,7 @@ pub enum Job {
 /// True of callbacks in which a component may wait.
 #[must_use]
 pub const fn may_wait(hook: Hook) -> bool {
-    matches!(hook, Hook::Execute | Hook::Serve)
+    matches!(hook, Hook::Execute | Hook::Serve | Hook::Event)
 }
 
 /// How far a callback got.

@@ -66,6 +66,10 @@ pub const FIFO_SIZE_MAX: usize = 65_536;
 /// Size of a FIFO that states none: OPRoS's own default.
 pub const FIFO_SIZE_DEFAULT: usize = 15;
 
+/// Activations that a client of events may have at once, where its profile says nothing.
+pub const ACTIVATIONS_DEFAULT: usize = 16;
+/// Most of them.
+pub const ACTIVATIONS_MAX: usize = 1_024;
 /// Calls that a client port may have open at once, where its profile says nothing.
 pub const PENDING_DEFAULT: usize = 8;
 /// Most of them.

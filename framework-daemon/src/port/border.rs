@@ -14,12 +14,15 @@ use component_sdk::abi::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
 use component_sdk::port::Sent;
 
 use super::block::Block;
+use super::event_in::EventIn;
 use super::input::InPort;
 use super::output::{Borrower, OutPort};
+use super::pattern::event_client::EventClient;
+use super::pattern::event_server::EventServer;
 use super::pattern::provider::Provider;
 use super::pattern::requestor::Requestor;
 use super::table::{self, Claim, Kind, Place};
-use super::{border_calls, border_links};
+use super::{border_calls, border_events, border_links};
 use crate::model::limits::HEADROOM_BYTES;
 use crate::plugin::host;
 use crate::sys::{arch, seat};
@@ -35,6 +38,14 @@ pub enum PortEnd {
     Requestor(Arc<Requestor>),
     /// Answers.
     Provider(Arc<Provider>),
+    /// Is told of events.
+    EventClient(Arc<EventClient>),
+    /// Tells of events.
+    EventServer(Arc<EventServer>),
+    /// Receives every event.
+    EventIn(Arc<EventIn>),
+    /// Sends events.
+    EventOut(Arc<OutPort>),
 }
 
 impl PortEnd {
@@ -46,6 +57,10 @@ impl PortEnd {
             Self::Out(port) => &port.name,
             Self::Requestor(port) => &port.name,
             Self::Provider(port) => &port.name,
+            Self::EventClient(port) => &port.name,
+            Self::EventServer(port) => &port.name,
+            Self::EventIn(port) => &port.port.name,
+            Self::EventOut(port) => &port.name,
         }
     }
 
@@ -57,7 +72,18 @@ impl PortEnd {
             Self::Out(port) => Arc::as_ptr(port).addr(),
             Self::Requestor(port) => Arc::as_ptr(port).addr(),
             Self::Provider(port) => Arc::as_ptr(port).addr(),
+            Self::EventClient(port) => Arc::as_ptr(port).addr(),
+            Self::EventServer(port) => Arc::as_ptr(port).addr(),
+            // As its handles lead to its queue.
+            Self::EventIn(port) => Arc::as_ptr(&port.port).addr(),
+            Self::EventOut(port) => Arc::as_ptr(port).addr(),
         }
+    }
+
+    /// True of the ends at which something comes in: values, requests, events.
+    #[must_use]
+    pub const fn receives(&self) -> bool {
+        matches!(self, Self::In(_) | Self::Provider(_) | Self::EventClient(_) | Self::EventIn(_))
     }
 }
 
@@ -78,9 +104,14 @@ impl Binding {
         let place = claim.place()?;
         let (address, kind, scratch) = match &end {
             PortEnd::In(port) => (Arc::as_ptr(port).cast::<()>(), Kind::RestingIn, None),
-            PortEnd::Out(port) => (Arc::as_ptr(port).cast(), Kind::RestingOut, Some(Box::new(Block::new(port.object)))),
+            PortEnd::Out(port) | PortEnd::EventOut(port) => {
+                (Arc::as_ptr(port).cast(), Kind::RestingOut, Some(Box::new(Block::new(port.object))))
+            }
             PortEnd::Requestor(port) => (Arc::as_ptr(port).cast(), Kind::RestingCalls, None),
             PortEnd::Provider(port) => (Arc::as_ptr(port).cast(), Kind::RestingCalls, None),
+            PortEnd::EventClient(port) => (Arc::as_ptr(port).cast(), Kind::RestingCalls, None),
+            PortEnd::EventServer(port) => (Arc::as_ptr(port).cast(), Kind::RestingCalls, None),
+            PortEnd::EventIn(port) => (Arc::as_ptr(&port.port).cast(), Kind::RestingIn, None),
         };
         let lent = scratch.as_deref().map_or(std::ptr::null(), std::ptr::from_ref);
         place.owner.store(owner, Ordering::Relaxed);
@@ -107,10 +138,22 @@ impl Binding {
     pub fn open(&self) {
         match &self.end {
             Some(PortEnd::In(_)) => self.claim.set(Kind::In),
-            Some(PortEnd::Out(_)) => self.claim.set(Kind::Out),
+            Some(PortEnd::Out(_) | PortEnd::EventOut(_)) => self.claim.set(Kind::Out),
             Some(PortEnd::Requestor(_)) => self.claim.set(Kind::Requestor),
             Some(PortEnd::Provider(port)) => {
                 self.claim.set(Kind::Provider);
+                port.bind(self.claim.handle());
+            }
+            Some(PortEnd::EventClient(port)) => {
+                self.claim.set(Kind::EventClient);
+                port.bind(self.claim.handle());
+            }
+            Some(PortEnd::EventServer(port)) => {
+                self.claim.set(Kind::EventServer);
+                port.bind(self.claim.handle());
+            }
+            Some(PortEnd::EventIn(port)) => {
+                self.claim.set(Kind::In);
                 port.bind(self.claim.handle());
             }
             None => {}
@@ -156,6 +199,7 @@ pub static HOST: HostApi = HostApi {
     safe_output: host::safe_output,
     sleep: host::sleep,
     calls: border_calls::API,
+    events: border_events::API,
     links: border_links::API,
 };
 
@@ -169,6 +213,8 @@ pub(super) enum End<'a> {
     Idle,
     Requestor(&'a Requestor),
     Provider(&'a Provider),
+    EventClient(&'a EventClient),
+    EventServer(&'a EventServer),
 }
 
 impl End<'_> {
@@ -180,6 +226,8 @@ impl End<'_> {
             Self::Out(port) => std::ptr::from_ref(*port).addr(),
             Self::Requestor(port) => std::ptr::from_ref(*port).addr(),
             Self::Provider(port) => std::ptr::from_ref(*port).addr(),
+            Self::EventClient(port) => std::ptr::from_ref(*port).addr(),
+            Self::EventServer(port) => std::ptr::from_ref(*port).addr(),
         })
     }
 }
@@ -222,6 +270,8 @@ unsafe fn end(place: &Place, kind: Kind) -> End<'_> {
             Kind::RestingCalls => End::Idle,
             Kind::Requestor => End::Requestor(&*port.cast::<Requestor>()),
             Kind::Provider => End::Provider(&*port.cast::<Provider>()),
+            Kind::EventClient => End::EventClient(&*port.cast::<EventClient>()),
+            Kind::EventServer => End::EventServer(&*port.cast::<EventServer>()),
         }
     }
 }

@@ -169,6 +169,11 @@ impl InPort {
         how
     }
 
+    /// The next value of the queue, for whoever looks at it elsewhere.
+    pub(super) fn take_next(&self) -> Option<Sample> {
+        self.next(ReadMode::Take)
+    }
+
     /// Reads; the object stays valid until the next read.
     #[inline]
     pub(super) fn read(&self, mode: ReadMode, borrower: Borrower) -> ReadResult {

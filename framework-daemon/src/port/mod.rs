@@ -11,6 +11,8 @@ pub mod border;
 
 mod border_calls;
 
+mod border_events;
+
 /// Range checks on the values of a port or connection.
 pub mod check;
 
@@ -28,6 +30,12 @@ mod pool;
 /// Input ports: newest or FIFO.
 pub mod input;
 
+/// All event ports of a slot.
+pub mod event_ends;
+
+/// Event inputs: every event, in order.
+pub mod event_in;
+
 /// Patterns in which something comes back.
 pub mod pattern;
 
@@ -44,3 +52,6 @@ pub mod wait;
 
 /// Connections made and cut while everything runs.
 pub mod wiring;
+
+/// Those of event ports.
+mod wiring_events;

@@ -29,15 +29,19 @@ pub(super) enum Kind {
     In,
     /// Output of the instance in use.
     Out,
-    /// Either end of a query, of an instance that stands ready: not connected.
+    /// Either end of a query or an event, of an instance that stands ready: not connected.
     RestingCalls,
     /// Client of the instance in use.
     Requestor,
     /// Server of the instance in use.
     Provider,
+    /// Client of events of the instance in use.
+    EventClient,
+    /// Server of events of the instance in use.
+    EventServer,
 }
 
-const KINDS: [Kind; 8] = [
+const KINDS: [Kind; 10] = [
     Kind::Closed,
     Kind::RestingIn,
     Kind::RestingOut,
@@ -46,6 +50,8 @@ const KINDS: [Kind; 8] = [
     Kind::RestingCalls,
     Kind::Requestor,
     Kind::Provider,
+    Kind::EventClient,
+    Kind::EventServer,
 ];
 
 /// One place. A cache line each: neighbours belong to other executors.

@@ -20,6 +20,7 @@ use super::output::{Link, OutPort};
 use super::pattern::provider::Provider;
 use super::pattern::requestor::Requestor;
 use super::registry::{Registry, Unknown};
+use super::wiring_events;
 use crate::model::text::ShortText;
 
 /// A port, as one names it.
@@ -93,7 +94,7 @@ pub fn connect_end(registry: &Registry, first: &PortEnd, one: Name<'_>, other: N
 
 /// It is what one wires: it asks or listens.
 const fn is_wired(end: &PortEnd) -> bool {
-    matches!(end, PortEnd::In(_) | PortEnd::Requestor(_))
+    matches!(end, PortEnd::In(_) | PortEnd::Requestor(_) | PortEnd::EventIn(_) | PortEnd::EventClient(_))
 }
 
 /// What was to be connected and is not has no connection any more.
@@ -102,11 +103,16 @@ fn leave(end: &PortEnd) {
         // Whoever is in the way has connected it to something else.
         PortEnd::In(input) => _ = detach(input),
         PortEnd::Requestor(client) => client.disconnect(),
-        PortEnd::Out(_) | PortEnd::Provider(_) => {}
+        PortEnd::EventIn(input) => _ = detach(&input.port),
+        PortEnd::EventClient(client) => client.disconnect(),
+        PortEnd::Out(_) | PortEnd::Provider(_) | PortEnd::EventOut(_) | PortEnd::EventServer(_) => {}
     }
 }
 
 fn link(first: &PortEnd, one: Name<'_>, second: &PortEnd, other: Name<'_>) -> Result<(), Refusal> {
+    if let Some(result) = wiring_events::connect((first, one), (second, other)) {
+        return result;
+    }
     match (first, second) {
         (PortEnd::Out(output), PortEnd::In(input)) => join(output, one, input, other),
         (PortEnd::In(input), PortEnd::Out(output)) => join(output, other, input, one),
@@ -117,7 +123,7 @@ fn link(first: &PortEnd, one: Name<'_>, second: &PortEnd, other: Name<'_>) -> Re
         (PortEnd::Requestor(_), PortEnd::Requestor(_)) => Err(same_way(one, other, "a client", "answers")),
         (PortEnd::Provider(_), PortEnd::Provider(_)) => Err(same_way(one, other, "a server", "asks")),
         (PortEnd::In(_) | PortEnd::Out(_), _) => Err(other_pattern(one, other)),
-        (PortEnd::Requestor(_) | PortEnd::Provider(_), _) => Err(other_pattern(other, one)),
+        _ => Err(other_pattern(other, one)),
     }
 }
 
@@ -148,11 +154,17 @@ pub fn disconnect_end(end: &PortEnd, name: Name<'_>) -> Result<(), Refusal> {
     let cut = match end {
         PortEnd::In(input) => detach(input),
         PortEnd::Out(output) => detach_all(output),
+        PortEnd::EventIn(input) => detach(&input.port),
+        PortEnd::EventOut(output) => detach_all(output),
+        PortEnd::EventClient(client) => {
+            client.disconnect();
+            Ok(())
+        }
         PortEnd::Requestor(client) => {
             client.disconnect();
             Ok(())
         }
-        PortEnd::Provider(_) => {
+        PortEnd::Provider(_) | PortEnd::EventServer(_) => {
             return Err(Refusal::new(
                 Status::IncompatibleService,
                 format_args!("{name} is a server, which does not know its clients: disconnect them by their names"),
@@ -202,7 +214,7 @@ fn busy(name: Name<'_>) -> Refusal {
     Refusal::new(Status::Error, format_args!("{name}: its connections are being changed all the time: try again"))
 }
 
-fn join(output: &Arc<OutPort>, from: Name<'_>, input: &Arc<InPort>, to: Name<'_>) -> Result<(), Refusal> {
+pub(super) fn join(output: &Arc<OutPort>, from: Name<'_>, input: &Arc<InPort>, to: Name<'_>) -> Result<(), Refusal> {
     let mut sources = input.sources().map_err(|Busy| busy(to))?;
     cut(&mut sources, input).map_err(|Busy| busy(to))?;
     if let Some(difference) = output.object.difference(input.object) {

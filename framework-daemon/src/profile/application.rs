@@ -207,9 +207,6 @@ fn subcomponent(element: &Element, report: &mut Reporter) -> Option<Subcomponent
 fn connection(element: &Element, report: &mut Reporter) -> Option<Connection> {
     let validity = fault_rules::validities(element, report);
     let kind = port_kind(element.value_of("port_type"))?;
-    if kind == PortKind::Event {
-        report.not_active(element.name_span, "a connection of event ports");
-    }
     if kind != PortKind::Data
         && let Some(found) = element.child("validity")
     {

@@ -360,10 +360,18 @@ fn queue_size(port: &Element, report: &mut Reporter) -> usize {
 }
 
 fn event_port(port: &Element, report: &mut Reporter) -> Option<EventPortPlan> {
+    let usage = usage(port)?;
+    let receives = usage == Usage::Input;
+    let queue_size = belonging(port, "queue_size", receives, report).and_then(|element| element.text.parse().ok());
+    let _ = belonging(port, "overflow", receives, report);
     Some(EventPortPlan {
         name: port.text_of("name").to_owned(),
-        usage: usage(port)?,
+        usage,
         data_type: port.text_of("data_type").to_owned(),
+        queue_size,
+        overflow: overflow_rule(port),
+        activations: count(port, "activations", receives, limits::ACTIVATIONS_DEFAULT, report),
+        timeout: timeout(port, receives, report),
         location: report.location(port.name_span),
     })
 }
@@ -387,14 +395,18 @@ fn service_port(port: &Element, report: &mut Reporter) -> Option<ServicePortPlan
     })
 }
 
-/// The element of that name, where it belongs to this side of a service.
+/// The element of that name, where it belongs to this side of a service or an event.
 fn belonging<'a>(port: &'a Element, name: &str, belongs: bool, report: &mut Reporter) -> Option<&'a Element> {
     let element = port.child(name).filter(|element| !element.text.is_empty())?;
     if belongs {
         return Some(element);
     }
-    let side = if port.text_of("usage") == "provided" { "required" } else { "provided" };
-    report.error(element.name_span, format!("<{name}> belongs to a {side} service"));
+    let side = match port.text_of("usage") {
+        "provided" => "a required service",
+        "output" => "an input of events",
+        _ => "a provided service",
+    };
+    report.error(element.name_span, format!("<{name}> belongs to {side}"));
     None
 }
 

@@ -407,6 +407,14 @@ pub struct EventPortPlan {
     pub usage: Usage,
     /// Type name as written.
     pub data_type: String,
+    /// Events that may wait at an input; `None`: what its class says.
+    pub queue_size: Option<usize>,
+    /// What a full queue does with one more.
+    pub overflow: Overflow,
+    /// Activations that an input may have at once.
+    pub activations: usize,
+    /// Longest time that an input waits for an event, where its author does not say.
+    pub timeout: Duration,
     /// Where it was declared.
     pub location: Location,
 }

@@ -7,6 +7,7 @@ use component_sdk::abi::class::{Direction, Pattern, PortDecl};
 use component_sdk::object::TypeDescriptor;
 
 use super::catalogue::Catalogue;
+use super::events;
 use super::wiring::{at, describe};
 use crate::exec::unit::{Limits, Recipe, Source};
 use crate::model::limits::{INBOX_DEFAULT, PENDING_DEFAULT, WAIT};
@@ -14,6 +15,7 @@ use crate::model::names;
 use crate::model::time::nanoseconds;
 use crate::plugin::{Class, Plugin};
 use crate::port::check::Checks;
+use crate::port::event_ends::EventEnds;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
 use crate::port::pattern::objects::Objects;
@@ -40,6 +42,8 @@ pub struct Blueprint<'a> {
     pub requestors: Vec<Requestor>,
     /// Its servers.
     pub providers: Vec<Provider>,
+    /// Its event ports.
+    pub events: EventEnds,
 }
 
 /// Finds the classes of all slots and compiles their ports.
@@ -64,7 +68,8 @@ impl<'a> Blueprint<'a> {
         let standbys = plan.rules.secondaries.iter().map(|secondary| standby(secondary, &class, catalogue));
         let standbys = standbys.collect::<Result<_, _>>()?;
         let (inputs, outputs, requestors, providers) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let mut blueprint = Self { plan, class, standbys, inputs, outputs, requestors, providers };
+        let events = EventEnds::default();
+        let mut blueprint = Self { plan, class, standbys, inputs, outputs, requestors, providers, events };
         blueprint.add_ports()?;
         Ok(blueprint)
     }
@@ -83,6 +88,7 @@ impl<'a> Blueprint<'a> {
                 (Pattern::Query | Pattern::Send, Direction::Output) => {
                     self.requestors.push(requestor(decl, component, &waiter)?);
                 }
+                (Pattern::Event | Pattern::EventPort, _) => events::add(&mut self.events, decl, component, &waiter)?,
             }
         }
         Ok(())

@@ -130,7 +130,7 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
 /// A slot as its executor gets it, not installed yet.
 #[must_use]
 pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Member {
-    let Blueprint { plan, class, standbys, inputs, outputs, requestors, providers } = blueprint;
+    let Blueprint { plan, class, standbys, inputs, outputs, requestors, providers, events } = blueprint;
     let unlisted = class.unlisted();
     let standby = |preload| Standby { preload, unit: None };
     let (secondaries, standbys): (Vec<_>, Vec<_>) =
@@ -143,6 +143,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         requestors: requestors.into_iter().map(Arc::new).collect(),
         providers: providers.into_iter().map(Arc::new).collect(),
         unlisted,
+        events,
         status: Status::new(recipes.iter().map(|recipe| recipe.class_name).collect()),
     });
     let execution = &plan.component.execution;
@@ -152,6 +153,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
     }
     slot.requestors.iter().for_each(|port| port.listen(Arc::clone(&signal)));
     slot.providers.iter().for_each(|port| port.listen(Arc::clone(&signal)));
+    slot.events.listen(&signal);
     let shelf = workshop.shelf(&slot, recipes, plan.rules.ready_spares(), plan.rules.severity.clone());
     let intensity = plan.rules.reset.map(|intensity| (intensity.limit, intensity.within));
     Member {

@@ -115,6 +115,10 @@ fn check_ports(component: &ComponentPlan, class: &Class) -> Result<(), String> {
         let wanted = if port.usage == Usage::Input { Direction::Input } else { Direction::Output };
         check_port(class, &port.name, Pattern::Push, wanted)?;
     }
+    for port in &component.event_ports {
+        let wanted = if port.usage == Usage::Input { Direction::Input } else { Direction::Output };
+        check_port(class, &port.name, Pattern::Event, wanted)?;
+    }
     for port in &component.service_ports {
         let wanted = if port.provided { Direction::Input } else { Direction::Output };
         check_port(class, &port.name, Pattern::Query, wanted)?;
@@ -130,13 +134,13 @@ fn check_port(class: &Class, name: &str, pattern: Pattern, direction: Direction)
     };
     if element(found.pattern) != element(pattern) {
         let (is, wanted) = (element(found.pattern), element(pattern));
-        return Err(format!("port `{name}` is a {is} in the plugin, not a {wanted}"));
+        return Err(format!("port `{name}` is {is} in the plugin, not {wanted}"));
     }
     if found.direction == direction {
         return Ok(());
     }
     let sides = match pattern {
-        Pattern::Push => "has the other direction in the plugin",
+        Pattern::Push | Pattern::Event | Pattern::EventPort => "has the other direction in the plugin",
         Pattern::Query | Pattern::Send if found.direction == Direction::Input => {
             "is provided by the plugin, not required"
         }
@@ -148,8 +152,9 @@ fn check_port(class: &Class, name: &str, pattern: Pattern, direction: Direction)
 /// What a profile calls a port of that pattern.
 const fn element(pattern: Pattern) -> &'static str {
     match pattern {
-        Pattern::Push => "<data_port>",
-        Pattern::Query | Pattern::Send => "<service_port>",
+        Pattern::Push => "a <data_port>",
+        Pattern::Query | Pattern::Send => "a <service_port>",
+        Pattern::Event | Pattern::EventPort => "an <event_port>",
     }
 }
 

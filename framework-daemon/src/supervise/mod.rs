@@ -15,6 +15,9 @@ pub mod reload;
 /// Reverse order, a deadline for each component.
 pub mod shutdown;
 
+/// Event ports: made and connected.
+pub mod events;
+
 /// Connections of service ports.
 pub mod services;
 

@@ -128,6 +128,7 @@ fn commit(system: &mut System, slots: Vec<Placed>, wiring: &Wiring, changes: &Ch
     };
     let leaving: Vec<Placed> = system.slots.iter().rev().filter(leaves).cloned().collect();
     services::replace_providers(&leaving);
+    leaving.iter().for_each(|placed| placed.slot.events.replace());
     for old in &leaving {
         warn_if_stuck(old, old.executor.stop_member(old.member, STEP).is_err());
     }

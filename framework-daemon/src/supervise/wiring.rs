@@ -7,6 +7,7 @@ use component_sdk::object::TypeDescriptor;
 use component_sdk::object::path::PathError;
 
 use super::blueprint::Blueprint;
+use super::events::{self, EventWiring};
 use super::services::{self, Calls};
 use super::system::{Placed, by_name};
 use crate::port::border::PortEnd;
@@ -28,6 +29,7 @@ pub struct Wiring {
     /// Readers that plans speak of.
     readers: Vec<Reader>,
     calls: Calls,
+    events: EventWiring,
 }
 
 /// What the plan says about every reader that it or the one before it speaks of. What nobody speaks of, somebody connected at
@@ -66,10 +68,13 @@ pub fn build(
             Err(reason) => errors.push(at(&connection.location, &reason)),
         }
     }
-    match services::build(before, connections, slots) {
-        Ok(calls) if errors.is_empty() => Ok(Wiring { readers, calls }),
-        Ok(_) => Err(errors),
-        Err(wrong) => Err(errors.into_iter().chain(wrong).collect()),
+    let (calls, events) = (services::build(before, connections, slots), events::build(before, connections, slots));
+    match (calls, events) {
+        (Ok(calls), Ok(events)) if errors.is_empty() => Ok(Wiring { readers, calls, events }),
+        (calls, events) => {
+            errors.extend(calls.err().into_iter().flatten().chain(events.err().into_iter().flatten()));
+            Err(errors)
+        }
     }
 }
 
@@ -137,11 +142,13 @@ pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Ve
                 let server = target.providers.iter().find(|port| port.name == to.port)?;
                 services::compare(connection, client.objects, server.objects)
             }
-            PortKind::Event => Ok(()),
+            PortKind::Event => events::check(connection, source, target),
         };
         result.err().map(|reason| at(&connection.location, &reason))
     };
-    connections.iter().filter_map(wrong).collect()
+    let mut all: Vec<String> = connections.iter().filter_map(wrong).collect();
+    all.extend(events::check_clients(connections, blueprints));
+    all
 }
 
 /// Puts the connections in place. One that was there before keeps its checks, with what they remember.
@@ -152,9 +159,10 @@ pub fn apply(wiring: &Wiring, slots: &[Placed]) {
         }
     }
     services::apply(&wiring.calls, slots);
+    events::apply(&wiring.events);
 }
 
-fn complain(slot: &str, port: &str) {
+pub(super) fn complain(slot: &str, port: &str) {
     tracing::error!("{slot}.{port}: it is being wired all the time, and not as its plan says");
 }
 
@@ -168,6 +176,7 @@ pub fn disconnect(slots: &[Placed]) {
         }
     }
     services::disconnect(slots);
+    events::disconnect(slots);
 }
 
 /// Tells whoever wires at run time which ports there are.
@@ -177,6 +186,7 @@ pub fn announce(registry: &Registry, slots: &[Placed]) {
         let data = inputs.chain(slot.outputs.iter().cloned().map(PortEnd::Out));
         let clients = slot.requestors.iter().cloned().map(PortEnd::Requestor);
         let ends = data.chain(clients).chain(slot.providers.iter().cloned().map(PortEnd::Provider));
+        let ends = ends.chain(slot.events.ends());
         ends.map(|end| Entry { slot: slot.name, is_listed: !slot.unlisted.contains(&end.name()), end })
     });
     if registry.set(entries.collect()).is_err() {

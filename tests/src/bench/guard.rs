@@ -11,6 +11,7 @@ use framework_daemon::exec::slot::{Slot, Status};
 use framework_daemon::exec::unit::{Limits, Recipe, Source, Unit};
 use framework_daemon::plugin::Plugin;
 use framework_daemon::port::border::HOST;
+use framework_daemon::port::event_ends::EventEnds;
 use framework_daemon::sys::clock;
 use framework_daemon::sys::fiber::{Fiber, NEVER};
 
@@ -81,6 +82,7 @@ fn idle_unit(fibers: &mut Fibers) -> Box<Unit> {
         requestors: Vec::new(),
         providers: Vec::new(),
         unlisted: Vec::new(),
+        events: EventEnds::default(),
         status: Status::new(vec!["Diary"]),
     };
     let parts = recipe.gather(&slot).expect("it has no ports");

@@ -10,13 +10,19 @@
 //! single word with compare-and-swap was the alternative: six atomic operations a query, for an exclusion that the
 //! pattern gives anyhow, because client and server hold a call in turn.
 
+mod activation;
 mod call;
 
 /// What goes over a connection.
 pub mod objects;
 
+/// The client's end of events.
+pub mod event_client;
 /// Servers that take what comes in by themselves.
 mod pull;
+
+/// The server's end of events.
+pub mod event_server;
 
 /// The server's end.
 pub mod provider;

@@ -36,8 +36,13 @@ pub enum Openness {
 impl Openness {
     const ALL: [Self; 5] = [Self::Starting, Self::Serving, Self::Stopped, Self::Gone, Self::Replaced];
 
+    /// The one of that number.
+    pub(super) fn of(number: u8) -> Self {
+        Self::ALL[usize::from(number) % Self::ALL.len()]
+    }
+
     /// What a call gets that is not waited with any more.
-    const fn refusal(self) -> Option<Status> {
+    pub(super) const fn refusal(self) -> Option<Status> {
         match self {
             Self::Starting | Self::Serving => None,
             Self::Stopped => Some(Status::ProviderStopped),
@@ -156,7 +161,7 @@ impl Provider {
     }
 
     fn openness(&self) -> Openness {
-        Openness::ALL[usize::from(self.open.load(Ordering::SeqCst)) % Openness::ALL.len()]
+        Openness::of(self.open.load(Ordering::SeqCst))
     }
 
     /// The status with which it refuses calls, if it does.

@@ -162,6 +162,12 @@ static POLICY_PARAM: ElementRule = ElementRule {
     content: Content::Text(Kind::Integer(0, i32::MAX as i64)),
 };
 
+static OVERFLOW: ElementRule = ElementRule::value(
+    "overflow",
+    Kind::OneOf(&["drop_oldest", "drop_newest", "fault"]),
+    "What a full FIFO does with one more value.",
+);
+
 static DATA_PORT: ElementRule = ElementRule::parent(
     "data_port",
     &[
@@ -179,14 +185,7 @@ static DATA_PORT: ElementRule = ElementRule::parent(
             Optional,
             &ElementRule::text("queue_size", Kind::Integer(0, i32::MAX as i64), "Most values that a FIFO holds."),
         ),
-        (
-            Optional,
-            &ElementRule::value(
-                "overflow",
-                Kind::OneOf(&["drop_oldest", "drop_newest", "fault"]),
-                "What a full FIFO does with one more value.",
-            ),
-        ),
+        (Optional, &OVERFLOW),
         (Many, &VALIDITY),
         (Optional, &MAX_AGE),
     ],
@@ -202,6 +201,27 @@ static EVENT_PORT: ElementRule = ElementRule::parent(
         (Optional, &DESCRIPTION),
         (Optional, &REFERENCE),
         (Optional, &LAYOUT),
+        (
+            Optional,
+            &ElementRule::text(
+                "queue_size",
+                Kind::Integer(1, limits::FIFO_SIZE_MAX as i64),
+                "Events that may wait at an input, 15 where neither it nor the class says.",
+            ),
+        ),
+        (Optional, &OVERFLOW),
+        (
+            Optional,
+            &ElementRule::text(
+                "activations",
+                Kind::Integer(1, limits::ACTIVATIONS_MAX as i64),
+                "Activations that an input may have at once, 16 without it.",
+            ),
+        ),
+        (
+            Optional,
+            &ElementRule::text("timeout", Kind::Duration, "Longest time that an event is waited for, 1s without it."),
+        ),
     ],
     "A port for events.",
 );

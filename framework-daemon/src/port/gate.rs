@@ -4,9 +4,9 @@
 //! A gate is a level: it stays as it was set. Closings are counted besides, so that one that is opened again at once
 //! still ends the waits that had begun.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-
 use component_sdk::abi::calls::Whose;
+
+use crate::sys::shared::{AtomicBool, AtomicU32, Ordering};
 
 /// The gates of one client port.
 pub struct Gate {

@@ -57,6 +57,9 @@ pub mod safe_outputs;
 /// Whose code runs on a thread.
 pub mod seat;
 
+/// Atomics, locks and queues, by names that a model checker can take.
+pub mod shared;
+
 /// What plugins see as the C library.
 pub mod shield;
 

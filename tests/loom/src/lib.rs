@@ -18,10 +18,27 @@ pub mod relay;
 #[path = "../../../framework-daemon/src/sys/wake.rs"]
 pub mod wake;
 
-/// Where the sources look for the atomics.
+/// Where the sources look for what is the checker's.
 pub mod sys {
-    pub use super::futex;
+    #[cfg(not(test))]
+    pub use super::bell;
+    pub use super::{futex, shared};
 }
+
+/// Atomics, locks and queues, as the checker sees them.
+pub mod shared;
+
+/// Ringing, as the checker sees it.
+#[cfg(not(test))]
+pub mod bell;
+
+/// What the sources of calls need to know.
+#[cfg(not(test))]
+pub mod model;
+
+/// Calls between components.
+#[cfg(not(test))]
+pub mod port;
 
 /// A value that is read all the time and changed now and then.
 #[cfg(not(test))]

@@ -11,7 +11,6 @@
 //! A call is used anew when the client's word is `Free` and the server's `None` or `Over`: nobody else touches it then.
 //! Both words carry the generation, so that a number of an earlier use fits neither.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use component_sdk::object::TypeDescriptor;
@@ -20,6 +19,7 @@ use component_sdk::status::Status;
 use super::objects::Objects;
 use crate::port::block::Block;
 use crate::sys::bell::{Ring, Signal};
+use crate::sys::shared::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 /// How far the client is with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

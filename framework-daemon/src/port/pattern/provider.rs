@@ -2,13 +2,11 @@
 //!
 //! All but `admit` and `replace` belongs to the thread of the slot's executor.
 
-use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock, PoisonError};
 
 use component_sdk::abi::calls::{Lent, ServeArgs, ServeKind};
 use component_sdk::abi::payload::PortHandle;
 use component_sdk::status::Status;
-use crossbeam_queue::ArrayQueue;
 
 use super::call::Ticket;
 use super::objects::Objects;
@@ -16,6 +14,9 @@ use crate::model::limits::INBOX_MAX;
 use crate::port::gate::Gate;
 use crate::port::wait::Waiter;
 use crate::sys::bell::{Ring, Signal};
+use crate::sys::shared::{
+    ArrayQueue, AtomicBool, AtomicU8, AtomicU32, AtomicU64, AtomicUsize, Mutex, MutexGuard, Ordering,
+};
 
 /// Whether a provider answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -364,7 +365,8 @@ impl Provider {
     /// Its slot is about to be removed or built anew: nobody is to wait for it any more. What is in hand stays there
     /// until the slot has stopped. Any thread.
     pub fn replace(&self) {
-        self.open.store(Openness::Replaced as u8, Ordering::SeqCst);
+        // An exchange, so that whoever opens it at the same moment comes before or sees it.
+        self.open.swap(Openness::Replaced as u8, Ordering::SeqCst);
         self.clear_inbox();
     }
 

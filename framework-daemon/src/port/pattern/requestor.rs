@@ -4,8 +4,7 @@
 //! that was rung for or whose time is over.
 #![allow(unsafe_code, reason = "address of unsafe: the provider that a connection leads to, by its address")]
 
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, PoisonError};
 
 use component_sdk::abi::calls::{Lent, Wait, Whose};
 use component_sdk::status::Status;
@@ -18,6 +17,7 @@ use crate::model::time::nanoseconds;
 use crate::port::gate::Gate;
 use crate::port::wait::{Place, Waiter};
 use crate::sys::bell::Signal;
+use crate::sys::shared::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, AtomicUsize, Mutex, Ordering};
 
 /// The client's end of a port.
 pub struct Requestor {

@@ -1,0 +1,16 @@
+//! Client, call, server.
+
+#[path = "../../../../framework-daemon/src/port/pattern/call.rs"]
+mod call;
+
+/// What goes over a connection.
+#[path = "../../../../framework-daemon/src/port/pattern/objects.rs"]
+pub mod objects;
+
+/// The server's end.
+#[path = "../../../../framework-daemon/src/port/pattern/provider.rs"]
+pub mod provider;
+
+/// The client's end.
+#[path = "../../../../framework-daemon/src/port/pattern/requestor.rs"]
+pub mod requestor;

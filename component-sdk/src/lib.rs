@@ -64,7 +64,7 @@ pub mod wiring;
 /// Drives one component step by step, without the daemon.
 pub mod testing;
 
-pub use component_sdk_derive::{CommObject, Component};
+pub use component_sdk_derive::{CommObject, Component, service};
 
 /// All that a component's source file needs.
 pub mod prelude {
@@ -74,12 +74,12 @@ pub mod prelude {
     pub use crate::object::{CommObject, Sequence, Text};
     pub use crate::objects::*;
     pub use crate::port::{
-        DataIn, DataOut, Loan, Message, Pending, Query, QueryClient, QueryId, QueryServer, Requestor, SendClient,
-        SendServer, Sent,
+        DataIn, DataOut, Loan, Message, Pending, Provided, Query, QueryClient, QueryId, QueryServer, Requestor,
+        Required, SendClient, SendServer, Sent,
     };
     pub use crate::port::{EventClient, EventId, EventIn, EventOut, EventServer, EventState};
     pub use crate::status::Status;
-    pub use crate::{CommObject, Component, error, export_components, fault, info, warn};
+    pub use crate::{CommObject, Component, error, export_components, fault, info, service, warn};
 }
 
 /// For the derives: a text of fixed layout.

@@ -7,7 +7,8 @@ use crate::abi::class::{CreateArgs, PropertyDecl};
 use crate::component::ComponentError;
 use crate::object::CommObject;
 use crate::port::{
-    DataIn, DataOut, EventClient, EventIn, EventOut, EventServer, QueryClient, QueryServer, SendClient, SendServer,
+    DataIn, DataOut, EventClient, EventIn, EventOut, EventServer, Provided, QueryClient, QueryServer, Required,
+    SendClient, SendServer, Service,
 };
 
 /// What a property's text must be.
@@ -158,6 +159,18 @@ impl<'a> Builder<'a> {
     #[must_use]
     pub fn event_out<E: CommObject>(&self, index: usize) -> EventOut<E> {
         EventOut::new(self.args.ports[index])
+    }
+
+    /// The required service whose first port is at `index`.
+    #[must_use]
+    pub fn required<S: Service + ?Sized>(&self, index: usize) -> Required<S> {
+        Required::new(S::client(self, index))
+    }
+
+    /// The provided service whose first port is at `index`.
+    #[must_use]
+    pub fn provided<S: Service + ?Sized>(&self, index: usize) -> Provided<S> {
+        Provided::new(S::server(self, index))
     }
 
     /// The property at `index`.

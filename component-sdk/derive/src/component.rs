@@ -62,7 +62,7 @@ impl ClassAttr {
 
     fn output(&self, input: &DeriveInput, parts: &Parts) -> TokenStream {
         let Self { name, version, trigger } = self;
-        let Parts { ports, properties, criticals, builders, handlers, gates } = parts;
+        let Parts { ports, counts: _, properties, criticals, builders, handlers, gates } = parts;
         let ident = &input.ident;
         let description = description(&input.attrs);
         let (serve, blocking) = (serve(handlers), blocking(gates));
@@ -73,13 +73,17 @@ impl ClassAttr {
                 };
                 use ::component_sdk::{abi_name, abi_slice};
 
+                const PARTS: &[&[PortDecl]] = &[#(#ports),*];
+                const PORTS: [PortDecl; ::component_sdk::port::port_count(PARTS)] =
+                    ::component_sdk::port::all_ports(PARTS);
+
                 impl ::component_sdk::component::Component for #ident {
                     const DECL: ClassDecl = ClassDecl {
                         name: abi_name(#name),
                         version: abi_name(#version),
                         description: abi_name(#description),
                         trigger: TriggerDecl::#trigger,
-                        ports: abi_slice(&[#(#ports),*]),
+                        ports: abi_slice(&PORTS),
                         properties: abi_slice(&[#(#properties),*]),
                         criticals: abi_slice(&[#(#criticals),*]),
                         size: ::core::mem::size_of::<Self>(),
@@ -104,6 +108,8 @@ impl ClassAttr {
 #[derive(Default)]
 struct Parts {
     ports: Vec<TokenStream>,
+    /// How many ports each of them is.
+    counts: Vec<TokenStream>,
     properties: Vec<TokenStream>,
     criticals: Vec<TokenStream>,
     builders: Vec<TokenStream>,
@@ -139,8 +145,10 @@ impl Parts {
 
     fn port(&mut self, ident: &Ident, field: &Field) -> Result<TokenStream> {
         let port = Port::read(ident, field)?;
-        let index = self.ports.len();
-        self.ports.push(port.decl());
+        let before = &self.counts;
+        let index = quote!(0 #(+ #before)*);
+        self.counts.push(port.count());
+        self.ports.push(port.decls());
         self.handlers.extend(port.dispatch());
         self.gates.extend(port.gate());
         let method = port.builder();

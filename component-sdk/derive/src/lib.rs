@@ -3,6 +3,7 @@
 mod comm_object;
 mod component;
 mod ports;
+mod service;
 
 use proc_macro::TokenStream;
 use syn::{DeriveInput, parse_macro_input};
@@ -20,6 +21,13 @@ pub fn comm_object(input: TokenStream) -> TokenStream {
 #[proc_macro_derive(Component, attributes(component, port, property, critical))]
 pub fn component(input: TokenStream) -> TokenStream {
     expand(component::expand(&parse_macro_input!(input as DeriveInput)))
+}
+
+/// Makes a trait the interface of a service port: `Required<dyn Motors>` at who calls, `Provided<dyn Motors>` at the
+/// component that implements it. A method with `#[nonblocking]` is sent, any other one asked and waited for.
+#[proc_macro_attribute]
+pub fn service(attributes: TokenStream, input: TokenStream) -> TokenStream {
+    expand(service::expand(&attributes.into(), parse_macro_input!(input as syn::ItemTrait)))
 }
 
 fn expand(result: syn::Result<proc_macro2::TokenStream>) -> TokenStream {

@@ -8,7 +8,8 @@ use syn::{Error, Field, Ident, LitInt, Result, Type};
 use crate::description;
 
 const KNOWN: &str = "a port is a DataIn<T>, a DataOut<T>, a QueryClient<R, A>, a QueryServer<R, A>, a SendClient<C>, a \
-                     SendServer<C>, an EventClient<P, E>, an EventServer<P, E, S>, an EventIn<E> or an EventOut<E>";
+                     SendServer<C>, an EventClient<P, E>, an EventServer<P, E, S>, an EventIn<E>, an EventOut<E>, a Required<dyn I> \
+                     or a Provided<dyn I>";
 
 /// The kinds of ports, by the last part of their type's name.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -23,6 +24,8 @@ enum Kind {
     EventServer,
     EventIn,
     EventOut,
+    Required,
+    Provided,
 }
 
 impl Kind {
@@ -38,6 +41,8 @@ impl Kind {
             "EventServer" => Self::EventServer,
             "EventIn" => Self::EventIn,
             "EventOut" => Self::EventOut,
+            "Required" => Self::Required,
+            "Provided" => Self::Provided,
             _ => return None,
         })
     }
@@ -45,9 +50,14 @@ impl Kind {
     /// How many types it is written with.
     fn types(self) -> std::ops::RangeInclusive<usize> {
         match self {
-            Self::DataIn | Self::DataOut | Self::SendClient | Self::SendServer | Self::EventIn | Self::EventOut => {
-                1..=1
-            }
+            Self::DataIn
+            | Self::DataOut
+            | Self::SendClient
+            | Self::SendServer
+            | Self::EventIn
+            | Self::EventOut
+            | Self::Required
+            | Self::Provided => 1..=1,
             Self::QueryClient | Self::QueryServer | Self::EventClient => 2..=2,
             // What is tested is the event where it is not said.
             Self::EventServer => 2..=3,
@@ -59,8 +69,13 @@ impl Kind {
         match self {
             Self::QueryServer | Self::SendServer | Self::EventClient | Self::EventIn => Some("handler"),
             Self::EventServer => Some("on_activation"),
-            Self::DataIn | Self::DataOut | Self::QueryClient | Self::SendClient | Self::EventOut => None,
+            _ => None,
         }
+    }
+
+    /// True for a bundle of ports, one for each method of an interface.
+    const fn is_service(self) -> bool {
+        matches!(self, Self::Required | Self::Provided)
     }
 
     const fn has_queue(self) -> bool {
@@ -100,6 +115,8 @@ impl<'a> Port<'a> {
                     return Err(meta.error("`fifo` belongs to a DataIn or EventIn: the others have no queue to read from"));
                 } else if self.kind.handler().is_some_and(is) {
                     self.handler = Some(meta.value()?.parse()?);
+                } else if is("unlisted") && self.kind.is_service() {
+                    return Err(meta.error("the ports of a service are found by its name: there is no `unlisted` here"));
                 } else if is("unlisted") {
                     self.unlisted = true;
                 } else if is("handler") || is("on_activation") {
@@ -132,11 +149,36 @@ impl<'a> Port<'a> {
             Kind::EventServer => "event_server",
             Kind::EventIn => "event_in",
             Kind::EventOut => "event_out",
+            Kind::Required => "required",
+            Kind::Provided => "provided",
         };
         Ident::new(name, self.field.ty.span())
     }
 
-    pub(crate) fn decl(&self) -> TokenStream {
+    /// Number of its ports.
+    pub(crate) fn count(&self) -> TokenStream {
+        let interface = self.objects[0];
+        if self.kind.is_service() {
+            quote!(<#interface as ::component_sdk::port::Service>::METHODS.len())
+        } else {
+            quote!(1)
+        }
+    }
+
+    /// Its descriptions, as a slice.
+    pub(crate) fn decls(&self) -> TokenStream {
+        if self.kind.is_service() {
+            let (name, interface, count) = (self.ident.to_string(), self.objects[0], self.count());
+            let direction = if self.kind == Kind::Provided { quote!(Input) } else { quote!(Output) };
+            return quote! {
+                &::component_sdk::port::method_ports::<#interface, { #count }>(abi_name(#name), Direction::#direction)
+            };
+        }
+        let decl = self.decl();
+        quote!(&[#decl])
+    }
+
+    fn decl(&self) -> TokenStream {
         let name = self.ident.to_string();
         let description = description(&self.field.attrs);
         let (pattern, direction) = match self.kind {
@@ -144,8 +186,8 @@ impl<'a> Port<'a> {
             Kind::DataOut => (quote!(Push), quote!(Output)),
             Kind::QueryClient => (quote!(Query), quote!(Output)),
             Kind::QueryServer => (quote!(Query), quote!(Input)),
-            Kind::SendClient => (quote!(Send), quote!(Output)),
-            Kind::SendServer => (quote!(Send), quote!(Input)),
+            Kind::SendClient | Kind::Required => (quote!(Send), quote!(Output)),
+            Kind::SendServer | Kind::Provided => (quote!(Send), quote!(Input)),
             Kind::EventClient => (quote!(Event), quote!(Input)),
             Kind::EventServer => (quote!(Event), quote!(Output)),
             Kind::EventIn => (quote!(EventPort), quote!(Input)),
@@ -186,11 +228,22 @@ impl<'a> Port<'a> {
     /// What sets the component's gate at this port.
     pub(crate) fn gate(&self) -> Option<TokenStream> {
         let field = self.ident;
-        matches!(self.kind, Kind::QueryClient | Kind::EventClient).then(|| quote!(self.#field.component_blocking(on);))
+        matches!(self.kind, Kind::QueryClient | Kind::EventClient | Kind::Required)
+            .then(|| quote!(self.#field.component_blocking(on);))
     }
 
     /// What enters its handler.
     pub(crate) fn dispatch(&self) -> Option<TokenStream> {
+        if self.kind == Kind::Provided {
+            let (field, interface) = (self.ident, self.objects[0]);
+            // At the interface: where the component does not implement it, the compiler says so there.
+            return Some(quote_spanned! {interface.span()=>
+                if let ::core::option::Option::Some(call) = self.#field.find(incoming) {
+                    <#interface as ::component_sdk::port::Service>::enter(self, cx, call);
+                    return ::core::result::Result::Ok(());
+                }
+            });
+        }
         let (field, handler) = (self.ident, self.handler.as_ref()?);
         let (method, found, given) = match self.kind {
             Kind::EventClient => (quote!(firing), quote!((id, event)), quote!(id, event)),

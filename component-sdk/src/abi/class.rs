@@ -6,7 +6,7 @@ use abi_stable::std_types::{ROption, RSlice, RStr, RString};
 use super::calls::ServeArgs;
 use super::host::HostApi;
 use super::payload::PortHandle;
-use crate::object::TypeDescriptor;
+use crate::object::{CommObject, TypeDescriptor};
 use crate::property::PropertyKind;
 
 /// The root of a plugin.
@@ -128,10 +128,25 @@ pub struct PortDecl {
 }
 
 impl PortDecl {
-    /// Its name in its class: `scan`, or `motors.drive` where it is a method of a service port.
+    /// One that is filled in later.
+    pub(crate) const NONE: Self = Self {
+        name: RStr::empty(),
+        service: RStr::empty(),
+        method: RStr::empty(),
+        pattern: Pattern::Push,
+        direction: Direction::Input,
+        object: <()>::DESCRIPTOR,
+        answer: ROption::RNone,
+        handler: false,
+        listed: true,
+        fifo: 0,
+        description: RStr::empty(),
+    };
+
+    /// Its name in its class: `scan`, or `motors/drive` where it is a method of a service port.
     #[must_use]
     pub fn full_name(&self) -> String {
-        if self.method.is_empty() { self.name.to_string() } else { format!("{}.{}", self.name, self.method) }
+        if self.method.is_empty() { self.name.to_string() } else { format!("{}/{}", self.name, self.method) }
     }
 }
 

@@ -8,9 +8,11 @@ mod event;
 mod query;
 mod requestor;
 mod send;
+mod service;
 
 pub use data::{DataIn, DataOut, Loan, Sent};
 pub use event::{EventClient, EventId, EventIn, EventOut, EventServer, EventState};
 pub use query::{Answer, Pending, Query, QueryClient, QueryId, QueryServer, Reply, Request};
 pub use requestor::Requestor;
 pub use send::{Message, Outgoing, SendClient, SendServer};
+pub use service::{MethodDecl, Provided, Required, Service, all_ports, method_ports, port_count};

@@ -91,7 +91,8 @@ fn check_plugins(path: &Path, plugins: &[PathBuf]) -> io::Result<bool> {
         Ok(blueprints) => wiring::check(&plan.connections, &blueprints),
         Err(reasons) => reasons,
     };
-    wrong.iter().try_for_each(|reason| writeln!(io::stderr(), "{reason}"))?;
+    let found = catalogue.warnings();
+    found.iter().chain(&wrong).try_for_each(|reason| writeln!(io::stderr(), "{reason}"))?;
     Ok(wrong.is_empty())
 }
 

@@ -15,6 +15,7 @@ use serde_json::{Value, json};
 use super::Format;
 use super::exit_code::Exit;
 use crate::model::limits::{ACTIVATIONS_DEFAULT, FIFO_SIZE_DEFAULT, INBOX_DEFAULT, PENDING_DEFAULT, WAIT};
+use crate::plugin::interface::{self, type_name};
 use crate::plugin::{Class, Plugin};
 use crate::port::border::HOST;
 use crate::profile::quantity;
@@ -66,14 +67,30 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
 fn write_files(plugin: &std::sync::Arc<Plugin>, directory: &Path, out: &mut impl Write) -> io::Result<Exit> {
     for class in plugin.classes() {
         let path = directory.join(format!("{}.xml", class.name()));
-        let written = File::create_new(&path).and_then(|mut file| file.write_all(profile(&class).as_bytes()));
-        if let Err(error) = written {
-            writeln!(io::stderr(), "{}: {error}", path.display())?;
+        if !write_file(&path, &profile(&class), out)? {
             return Ok(Exit::Failed);
         }
-        writeln!(out, "{}", path.display())?;
+        for (name, text) in interface::interfaces(class.exported().decl.ports.as_slice()) {
+            let path = directory.join(interface::file_name(&name));
+            // Client and server have the same.
+            let is_there = std::fs::read_to_string(&path).is_ok_and(|there| there == text);
+            if !is_there && !write_file(&path, &text, out)? {
+                return Ok(Exit::Failed);
+            }
+        }
     }
     Ok(Exit::Done)
+}
+
+/// False: it is there already, or cannot be written; told on stderr.
+fn write_file(path: &Path, text: &str, out: &mut impl Write) -> io::Result<bool> {
+    let written = File::create_new(path).and_then(|mut file| file.write_all(text.as_bytes()));
+    if let Err(error) = written {
+        writeln!(io::stderr(), "{}: {error}", path.display())?;
+        return Ok(false);
+    }
+    writeln!(out, "{}", path.display())?;
+    Ok(true)
 }
 
 fn period(period_ns: u64) -> String {
@@ -101,19 +118,33 @@ fn profile(class: &Class) -> String {
         let _ = writeln!(text, "    <property name=\"{name}\" type=\"{kind}\">{value}</property>{unit}");
         text
     });
-    let ports: String = decl.ports.iter().map(port).collect();
+    let all = decl.ports.as_slice();
+    let ports: String = all.iter().filter(|port| is_shown(port, all)).map(port).collect();
     format!(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<component_profile>\n  <name>{}</name>\n  <version>{}</version>\n  \
          <description>{}</description>\n  <execution_environment>\n    <library_type>so</library_type>\n    \
          <library_name>{}</library_name>\n    <impl_language>Rust</impl_language>\n  </execution_environment>\n  \
          <execution_semantics>\n    {semantics}\n  </execution_semantics>\n  <properties>\n{properties}  </properties>\n  \
-         <ports>\n{ports}  </ports>\n</component_profile>\n{}",
+         <ports>\n{ports}  </ports>\n</component_profile>\n{}{}",
         decl.name,
         decl.version,
         escape(decl.description.as_str()),
         escape(library.as_str()),
-        data_types(decl.ports.as_slice())
+        data_types(all),
+        interfaces(all)
     )
+}
+
+/// Of a service port the first method stands for all.
+fn is_shown(port: &PortDecl, all: &[PortDecl]) -> bool {
+    port.method.is_empty()
+        || interface::methods(all, port.name.as_str()).next().is_some_and(|first| first.method == port.method)
+}
+
+/// The interfaces of the service ports, each in the file that the profile refers to.
+fn interfaces(ports: &[PortDecl]) -> String {
+    let interfaces = interface::interfaces(ports).into_iter();
+    interfaces.map(|(name, text)| format!("<!-- {}:\n{text}-->\n", interface::file_name(&name))).collect()
 }
 
 fn port(port: &PortDecl) -> String {
@@ -125,9 +156,12 @@ fn port(port: &PortDecl) -> String {
 }
 
 fn service_port(port: &PortDecl) -> String {
+    let service = (!port.method.is_empty()).then(|| port.service.as_str());
+    let description = if service.is_some() { "" } else { port.description.as_str() };
+    let reference = service.map(|service| format!("\n      <reference>{}</reference>", interface::file_name(service)));
     let settings = if port.direction == Direction::Input {
         format!("<queue_size>{INBOX_DEFAULT}</queue_size>")
-    } else if port.pattern == Pattern::Send {
+    } else if port.pattern == Pattern::Send && service.is_none() {
         format!("<pending>{PENDING_DEFAULT}</pending>\n      <on_gone>fail</on_gone>")
     } else {
         let timeout = quantity::format_duration(WAIT);
@@ -136,12 +170,13 @@ fn service_port(port: &PortDecl) -> String {
         )
     };
     format!(
-        "    <service_port>\n      <name>{}</name>\n      <usage>{}</usage>\n      <type>{}</type>\n      \
+        "    <service_port>\n      <name>{}</name>\n      <usage>{}</usage>\n      <type>{}</type>{}\n      \
          <description>{}</description>\n      {settings}\n    </service_port>\n",
         port.name,
         usage(port),
-        escape(call_type(port).as_str()),
-        escape(port.description.as_str())
+        escape(service.map_or_else(|| call_type(port), str::to_owned).as_str()),
+        reference.unwrap_or_default(),
+        escape(description)
     )
 }
 
@@ -239,14 +274,6 @@ fn structure(object: &TypeDescriptor) -> String {
     text
 }
 
-fn type_name(object: &TypeDescriptor) -> String {
-    match (object.kind, object.element()) {
-        (Kind::Sequence, Some(element)) => format!("std::vector<{}>", type_name(element)),
-        (Kind::Array, Some(element)) => format!("{}[{}]", type_name(element), object.count),
-        _ => object.name.to_string(),
-    }
-}
-
 fn object(class: &Class) -> Value {
     let decl = &class.exported().decl;
     let plugin = class.plugin();
@@ -254,9 +281,12 @@ fn object(class: &Class) -> Value {
         .ports
         .iter()
         .map(|port| {
-            let mut described = json!({"name": port.name.as_str(), "usage": usage(port),
+            let mut described = json!({"name": port.full_name(), "usage": usage(port),
             "object": port.object.name.as_str(), "size": port.object.size, "fifo": port.fifo,
             "layout": format!("{:016x}", port.object.layout_hash), "description": port.description.as_str()});
+            if !port.service.is_empty() {
+                described["service"] = json!(port.service.as_str());
+            }
             if let Some(answer) = port.answer.into_option() {
                 described["answer"] = json!(answer.name.as_str());
                 described["answer_size"] = json!(answer.size);

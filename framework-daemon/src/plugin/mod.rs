@@ -12,6 +12,9 @@ pub mod host;
 /// What the file says before it is loaded.
 pub mod image;
 
+/// The interfaces of service ports.
+pub mod interface;
+
 /// One method for each shim; the only caller of plugin code.
 pub mod instance;
 

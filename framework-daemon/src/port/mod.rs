@@ -55,3 +55,6 @@ pub mod wiring;
 
 /// Those of event ports.
 mod wiring_events;
+
+/// The same for service ports of several methods.
+mod wiring_services;

@@ -20,7 +20,7 @@ use super::output::{Link, OutPort};
 use super::pattern::provider::Provider;
 use super::pattern::requestor::Requestor;
 use super::registry::{Registry, Unknown};
-use super::wiring_events;
+use super::{wiring_events, wiring_services};
 use crate::model::text::ShortText;
 
 /// A port, as one names it.
@@ -71,7 +71,10 @@ impl Refusal {
 /// # Errors
 /// Why the ports are not connected.
 pub fn connect(registry: &Registry, one: Name<'_>, other: Name<'_>) -> Result<(), Refusal> {
-    connect_end(registry, &find(registry, one)?, one, other)
+    match find(registry, one) {
+        Ok(first) => connect_end(registry, &first, one, other),
+        Err(unknown) => wiring_services::connect(registry, one, other, unknown),
+    }
 }
 
 /// As [`connect`], from a port that is at hand.
@@ -143,7 +146,10 @@ fn ask(client: &Requestor, from: Name<'_>, server: &Arc<Provider>, to: Name<'_>)
 /// # Errors
 /// There is no such port, or somebody else wires it all the time.
 pub fn disconnect(registry: &Registry, name: Name<'_>) -> Result<(), Refusal> {
-    disconnect_end(&find(registry, name)?, name)
+    match find(registry, name) {
+        Ok(end) => disconnect_end(&end, name),
+        Err(unknown) => wiring_services::disconnect(registry, name, unknown),
+    }
 }
 
 /// As [`disconnect`], of a port that is at hand.
@@ -164,14 +170,16 @@ pub fn disconnect_end(end: &PortEnd, name: Name<'_>) -> Result<(), Refusal> {
             client.disconnect();
             Ok(())
         }
-        PortEnd::Provider(_) | PortEnd::EventServer(_) => {
-            return Err(Refusal::new(
-                Status::IncompatibleService,
-                format_args!("{name} is a server, which does not know its clients: disconnect them by their names"),
-            ));
-        }
+        PortEnd::Provider(_) | PortEnd::EventServer(_) => return Err(is_server(name)),
     };
     cut.map_err(|Busy| busy(name))
+}
+
+pub(super) fn is_server(name: Name<'_>) -> Refusal {
+    Refusal::new(
+        Status::IncompatibleService,
+        format_args!("{name} is a server, which does not know its clients: disconnect them by their names"),
+    )
 }
 
 fn find(registry: &Registry, name: Name<'_>) -> Result<PortEnd, Refusal> {
@@ -189,6 +197,7 @@ fn find(registry: &Registry, name: Name<'_>) -> Result<PortEnd, Refusal> {
 fn find_other(registry: &Registry, one: Name<'_>, other: Name<'_>) -> Result<PortEnd, Refusal> {
     find(registry, other).map_err(|refusal| match refusal.cause {
         Status::Error => refusal,
+        _ if wiring_services::is_service(registry, other) => wiring_services::no_pair(one, other),
         _ => Refusal::new(
             Status::ServiceUnavailable,
             format_args!("{one} cannot be connected to {}", refusal.reason.as_str()),

@@ -199,14 +199,14 @@ fn standby(secondary: &SecondaryPlan, primary: &Class, catalogue: &Catalogue) ->
 
 fn same_ports(primary: &Class, secondary: &Class) -> Result<(), String> {
     for port in secondary.exported().decl.ports.iter() {
-        let twin = primary.exported().decl.ports.iter().find(|twin| twin.name == port.name);
+        let twin = primary.exported().decl.ports.iter().find(|twin| twin.full_name() == port.full_name());
         let layouts =
             |port: &PortDecl| (port.object.layout_hash, port.answer.into_option().map(|answer| answer.layout_hash));
         let fits = twin.is_some_and(|twin| {
             (twin.pattern, twin.direction) == (port.pattern, port.direction) && layouts(twin) == layouts(port)
         });
         if !fits {
-            let (own, name) = (secondary.name(), port.name);
+            let (own, name) = (secondary.name(), port.full_name());
             return Err(format!(
                 "secondary {own}: its port `{name}` is not one of {} with the same object",
                 primary.name()

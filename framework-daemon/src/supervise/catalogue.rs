@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use component_sdk::abi::class::{Direction, Pattern};
 
+use super::interfaces;
 use crate::plugin::library::{self, Stamp};
 use crate::plugin::{Class, Plugin, discover, probe};
 use crate::port::border::HOST;
@@ -24,13 +25,15 @@ pub struct Catalogue {
     loaded: Arc<Mutex<HashMap<Key, Loaded>>>,
     /// What another process survived, or why not.
     probed: Arc<Mutex<HashMap<Key, Result<(), String>>>>,
+    /// Each told once.
+    warnings: Arc<Mutex<Vec<String>>>,
 }
 
 impl Catalogue {
     /// The same plugins, searched in other directories.
     #[must_use]
     pub fn in_directories(&self, directories: Vec<PathBuf>) -> Self {
-        Self { directories, loaded: Arc::clone(&self.loaded), probed: Arc::clone(&self.probed) }
+        Self { directories, ..self.clone() }
     }
 
     /// The class that a component profile names, checked against it.
@@ -40,7 +43,10 @@ impl Catalogue {
     pub fn class(&self, component: &ComponentPlan) -> Result<Class, String> {
         let location = &component.location;
         let place = format!("{}:{}:{}", location.file.display(), location.line, location.column);
-        self.find(component).map_err(|reason| format!("{place}: error: component `{}`: {reason}", component.name))
+        let class = self.find(component);
+        let class = class.map_err(|reason| format!("{place}: error: component `{}`: {reason}", component.name))?;
+        self.check_interfaces(component, &class)?;
+        Ok(class)
     }
 
     fn find(&self, component: &ComponentPlan) -> Result<Class, String> {
@@ -53,6 +59,26 @@ impl Catalogue {
         check_ports(component, &class)?;
         check_properties(component, &class)?;
         Ok(class)
+    }
+
+    /// Holds the interfaces that the profile states against those of the class.
+    fn check_interfaces(&self, component: &ComponentPlan, class: &Class) -> Result<(), String> {
+        let findings = interfaces::compare(component, class);
+        let mut told = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
+        for warning in findings.warnings {
+            // A class is looked up for each of its slots, and at each reload.
+            if !told.contains(&warning) {
+                tracing::warn!("{warning}");
+                told.push(warning);
+            }
+        }
+        if findings.errors.is_empty() { Ok(()) } else { Err(findings.errors.join("\n")) }
+    }
+
+    /// What was not right with the profiles of the classes that were looked up, and no error.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<String> {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Sees to it that the component's plugin can be loaded later without another look: for `preload="none"`.
@@ -129,7 +155,9 @@ fn check_ports(component: &ComponentPlan, class: &Class) -> Result<(), String> {
 fn check_port(class: &Class, name: &str, pattern: Pattern, direction: Direction) -> Result<(), String> {
     let ports = class.exported().decl.ports;
     let Some(found) = ports.iter().find(|candidate| candidate.name.as_str() == name) else {
-        let known: Vec<_> = ports.iter().map(|port| port.name.as_str()).collect();
+        let mut known: Vec<_> = ports.iter().map(|port| port.name.as_str()).collect();
+        // A service port has as many as methods.
+        known.dedup();
         return Err(format!("the plugin's class has no port `{name}`; it has: {}", known.join(", ")));
     };
     if element(found.pattern) != element(pattern) {

@@ -21,6 +21,9 @@ pub mod events;
 /// Connections of service ports.
 pub mod services;
 
+/// The interfaces that profiles state, compared with the plugins'.
+pub mod interfaces;
+
 /// The set of live things.
 pub mod system;
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::system::{Placed, by_name};
 use super::wiring::{all_listed, at, no_such_port};
-use crate::port::pattern::objects::Objects;
+use crate::port::pattern::bundle::{self, Bundle, Mismatch, Part};
 use crate::port::pattern::provider::Provider;
 use crate::port::pattern::requestor::Requestor;
 use crate::profile::plan::{ConnectionPlan, OnGone, PortKind};
@@ -38,46 +38,50 @@ pub fn build(
     let (mut links, mut errors) = (Vec::new(), Vec::new());
     for connection in connections.iter().filter(|connection| connection.kind == PortKind::Service) {
         match link(connection, &names) {
-            Ok(link) => links.push(link),
+            Ok(found) => links.extend(found),
             Err(reason) => errors.push(at(&connection.location, &reason)),
         }
     }
-    let client = |connection: &ConnectionPlan| {
+    let clients = |connection: &ConnectionPlan| {
         let slot = names.get(connection.source.slot.as_str())?;
-        slot.slot.requestor(&connection.source.port).cloned()
+        let found = Bundle::find(&slot.slot.requestors, &connection.source.port)?;
+        Some(found.ports().cloned().collect::<Vec<_>>())
     };
-    let known = before.iter().filter_map(client).collect();
+    let known = before.iter().filter_map(clients).flatten().collect();
     if errors.is_empty() { Ok(Calls { links, known }) } else { Err(errors) }
 }
 
-fn link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<CallLink, String> {
+/// One for each method of the client, or for the one port.
+fn link(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<Vec<CallLink>, String> {
     let (from, to) = (&connection.source, &connection.target);
-    let client = slots.get(from.slot.as_str()).and_then(|placed| placed.slot.requestor(&from.port));
-    let server = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.provider(&to.port));
-    let (client, server) = client.zip(server).ok_or_else(|| no_such_port(connection))?;
+    let ends = slots.get(from.slot.as_str()).zip(slots.get(to.slot.as_str()));
+    let (client, server) = ends.ok_or_else(|| no_such_port(connection))?;
     all_listed(connection, |end| slots.get(end.slot.as_str()).map(|placed| placed.slot.unlisted.clone()))?;
-    compare(connection, client.objects, server.objects)?;
+    let pairs =
+        pair(connection, &client.slot.requestors, &server.slot.providers).ok_or_else(|| no_such_port(connection))??;
     let retry = connection.on_gone.map(|on_gone| on_gone == OnGone::Retry);
-    Ok(CallLink { from: Arc::clone(client), to: Arc::clone(server), retry })
+    let link =
+        |(from, to): (&Arc<Requestor>, &Arc<Provider>)| CallLink { from: Arc::clone(from), to: Arc::clone(to), retry };
+    Ok(pairs.into_iter().map(link).collect())
 }
 
-/// Holds the objects of a client against those of its server.
+/// Each port of a connection's client with its server's; `None`: one of them is not there.
 ///
 /// # Errors
 /// Where they differ, with both sides.
-pub(super) fn compare(connection: &ConnectionPlan, asked: Objects, served: Objects) -> Result<(), String> {
+pub(super) fn pair<'a, C: Part, S: Part>(
+    connection: &ConnectionPlan,
+    clients: &'a [C],
+    servers: &'a [S],
+) -> Option<Result<Vec<(&'a C, &'a S)>, String>> {
     let (from, to) = (&connection.source, &connection.target);
-    asked.difference(&served).map_or(Ok(()), |difference| {
-        Err(format!(
-            "{}.{} {}, {}.{} {}: {difference}; build both plugins against the same definition",
-            from.slot,
-            from.port,
-            asked.asked(),
-            to.slot,
-            to.port,
-            served.served()
-        ))
-    })
+    let (client, server) = (Bundle::find(clients, &from.port)?, Bundle::find(servers, &to.port)?);
+    Some(bundle::pair(&client, &server).map_err(|Mismatch { asked, served, difference }| {
+        format!(
+            "{}.{} {asked}, {}.{} {served}: {difference}; build both plugins against the same definition",
+            from.slot, from.port, to.slot, to.port
+        )
+    }))
 }
 
 /// Puts the connections in place. One that was there before goes on, with the calls that are open over it.

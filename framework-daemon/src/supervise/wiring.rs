@@ -137,11 +137,7 @@ pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Ve
                 let (written, expected) = (source.output_object(&from.port)?, target.input_object(&to.port)?);
                 compare(connection, written, expected).map(|_| ())
             }
-            PortKind::Service => {
-                let client = source.requestors.iter().find(|port| port.name == from.port)?;
-                let server = target.providers.iter().find(|port| port.name == to.port)?;
-                services::compare(connection, client.objects, server.objects)
-            }
+            PortKind::Service => services::pair(connection, &source.requestors, &target.providers)?.map(drop),
             PortKind::Event => events::check(connection, source, target),
         };
         result.err().map(|reason| at(&connection.location, &reason))

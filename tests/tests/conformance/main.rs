@@ -7,4 +7,6 @@ mod links;
 mod query;
 mod requestor;
 mod rig;
+mod send;
+mod service;
 mod wiring;

@@ -11,6 +11,10 @@
 //! pattern gives anyhow, because client and server hold a call in turn.
 
 mod activation;
+
+/// Service ports of several methods.
+pub mod bundle;
+
 mod call;
 
 /// What goes over a connection.

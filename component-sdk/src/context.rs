@@ -70,6 +70,10 @@ impl<'a> Context<'a> {
         Self { now: Cell::new(now_ns), host, not_send: PhantomData }
     }
 
+    pub(crate) const fn host(&self) -> &'a HostApi {
+        self.host
+    }
+
     /// When this callback was entered, as far as the daemon told; when it was asked first, else.
     #[must_use]
     pub fn now(&self) -> Instant {

@@ -58,6 +58,9 @@ pub mod property;
 /// What the operations of the communication patterns answer.
 pub mod status;
 
+/// Threads of a component.
+pub mod task;
+
 /// Connections made and cut while everything runs.
 pub mod wiring;
 
@@ -79,6 +82,7 @@ pub mod prelude {
     };
     pub use crate::port::{EventClient, EventId, EventIn, EventOut, EventServer, EventState};
     pub use crate::status::Status;
+    pub use crate::task::{Job, Task};
     pub use crate::{CommObject, Component, error, export_components, fault, info, service, warn};
 }
 

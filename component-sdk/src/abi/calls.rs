@@ -124,6 +124,8 @@ pub struct CallApi {
     pub discard: extern "C" fn(port: PortHandle, id: u64) -> u32,
     /// Client: whether this port may wait, for itself or as one of its component's.
     pub blocking: extern "C" fn(port: PortHandle, whose: Whose, on: bool) -> u32,
+    /// Server: wakes whatever of its component waits, to look at its conditions again.
+    pub wake: extern "C" fn(port: PortHandle) -> u32,
     /// Server: takes the next call of a port without a handler, waits for it if asked to.
     pub next: extern "C" fn(port: PortHandle, wait: Wait) -> Lent,
     /// Server: the request of a call that it holds.
@@ -147,6 +149,7 @@ impl CallApi {
         release: closed::released,
         discard: closed::code,
         blocking: closed::blocking,
+        wake: closed::wake,
         next: closed::next,
         opened: closed::lent_call,
         answer_loan: closed::lent_call,
@@ -170,6 +173,9 @@ mod closed {
         Lent::refused(Status::Closed)
     }
     pub(super) extern "C" fn code(_: PortHandle, _: u64) -> u32 {
+        CODE
+    }
+    pub(super) extern "C" fn wake(_: PortHandle) -> u32 {
         CODE
     }
     pub(super) extern "C" fn released(_: PortHandle, _: u64) {}

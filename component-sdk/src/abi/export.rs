@@ -160,7 +160,7 @@ fn enter<T: Callbacks>(component: &mut T, args: &CallArgs<'_>) -> Outcome {
     }
 }
 
-fn finish(outcome: std::thread::Result<Result<(), ComponentError>>) -> CallStatus {
+pub(super) fn finish(outcome: std::thread::Result<Result<(), ComponentError>>) -> CallStatus {
     match outcome {
         Ok(Ok(())) => CallStatus::Done,
         Ok(Err(error)) => {

@@ -12,6 +12,7 @@ use super::calls::CallApi;
 use super::events::EventApi;
 use super::links::LinkApi;
 use super::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
+use super::task::TaskApi;
 
 /// The functions of the daemon.
 ///
@@ -51,6 +52,8 @@ pub struct HostApi {
     pub events: EventApi,
     /// Connections made and cut at run time.
     pub links: LinkApi,
+    /// Threads of a component.
+    pub tasks: TaskApi,
 }
 
 static HOST: AtomicPtr<HostApi> = AtomicPtr::new(std::ptr::null_mut());
@@ -86,6 +89,7 @@ static DETACHED: HostApi = HostApi {
     calls: CallApi::CLOSED,
     events: EventApi::CLOSED,
     links: LinkApi::CLOSED,
+    tasks: TaskApi::CLOSED,
 };
 
 mod detached {

@@ -39,5 +39,8 @@ pub mod inject;
 /// Objects crossing the border.
 pub mod payload;
 
+/// Tasks crossing the border.
+pub mod task;
+
 /// Version of the binary contract. Anything but growth at the end of a prefix type raises it.
 pub const ABI_VERSION: u32 = 2;

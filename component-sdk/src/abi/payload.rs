@@ -19,6 +19,11 @@ use crate::port::Sent;
 #[derive(StableAbi, Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortHandle(pub *const ());
 
+impl PortHandle {
+    /// Of no port: closed.
+    pub const CLOSED: Self = Self(std::ptr::null());
+}
+
 // SAFETY: the handle is an address that only the daemon's functions dereference, and those are thread-safe.
 unsafe impl Send for PortHandle {}
 // SAFETY: as above; a shared handle gives no access by itself.

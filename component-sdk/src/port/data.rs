@@ -43,6 +43,13 @@ pub struct DataIn<T> {
     object: PhantomData<fn() -> T>,
 }
 
+impl<T: CommObject> Default for DataIn<T> {
+    /// A closed one: what is left where a port was taken to be moved into a task.
+    fn default() -> Self {
+        Self::new(PortHandle::CLOSED)
+    }
+}
+
 impl<T: CommObject> DataIn<T> {
     pub(crate) const fn new(handle: PortHandle) -> Self {
         Self { handle, object: PhantomData }
@@ -77,6 +84,13 @@ impl<T: CommObject> DataIn<T> {
 pub struct DataOut<T> {
     handle: PortHandle,
     object: PhantomData<fn(T)>,
+}
+
+impl<T: CommObject> Default for DataOut<T> {
+    /// A closed one: what is left where a port was taken to be moved into a task.
+    fn default() -> Self {
+        Self::new(PortHandle::CLOSED)
+    }
 }
 
 impl<T: CommObject> DataOut<T> {

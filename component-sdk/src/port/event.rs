@@ -119,6 +119,13 @@ pub enum EventState {
     Passive,
 }
 
+impl<P: CommObject, E: CommObject> Default for EventClient<P, E> {
+    /// A closed one: what is left where a port was taken to be moved into a task.
+    fn default() -> Self {
+        Self::new(PortHandle::CLOSED)
+    }
+}
+
 impl<P: CommObject, E: CommObject> EventClient<P, E> {
     pub(crate) const fn new(handle: PortHandle) -> Self {
         Self { handle, objects: PhantomData }
@@ -227,6 +234,13 @@ pub struct EventServer<P, E, S: ?Sized = E> {
     objects: PhantomData<fn(P, &S) -> E>,
 }
 
+impl<P: CommObject, E: CommObject, S: ?Sized> Default for EventServer<P, E, S> {
+    /// A closed one: what is left where a port was taken to be moved into a task.
+    fn default() -> Self {
+        Self::new(PortHandle::CLOSED)
+    }
+}
+
 impl<P: CommObject, E: CommObject, S: ?Sized> EventServer<P, E, S> {
     pub(crate) const fn new(handle: PortHandle) -> Self {
         Self { handle, objects: PhantomData }
@@ -249,6 +263,13 @@ impl<P: CommObject, E: CommObject, S: ?Sized> EventServer<P, E, S> {
 
 /// Sends events to every [`EventIn`] that is connected.
 pub struct EventOut<E>(DataOut<E>);
+
+impl<E: CommObject> Default for EventOut<E> {
+    /// A closed one: what is left where a port was taken to be moved into a task.
+    fn default() -> Self {
+        Self::new(PortHandle::CLOSED)
+    }
+}
 
 impl<E: CommObject> EventOut<E> {
     pub(crate) const fn new(handle: PortHandle) -> Self {
@@ -275,6 +296,13 @@ impl<E: CommObject> EventOut<E> {
 pub struct EventIn<E> {
     pub(crate) handle: PortHandle,
     events: DataIn<E>,
+}
+
+impl<E: CommObject> Default for EventIn<E> {
+    /// A closed one: what is left where a port was taken to be moved into a task.
+    fn default() -> Self {
+        Self::new(PortHandle::CLOSED)
+    }
 }
 
 impl<E: CommObject> EventIn<E> {

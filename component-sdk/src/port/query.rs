@@ -113,6 +113,13 @@ impl<A> PartialEq for QueryId<A> {
 
 impl<A> Eq for QueryId<A> {}
 
+impl<R: CommObject, A: CommObject> Default for QueryClient<R, A> {
+    /// A closed one: what is left where a port was taken to be moved into a task.
+    fn default() -> Self {
+        Self::new(PortHandle::CLOSED)
+    }
+}
+
 impl<R: CommObject, A: CommObject> QueryClient<R, A> {
     pub(crate) const fn new(handle: PortHandle) -> Self {
         Self { handle, objects: PhantomData }
@@ -331,6 +338,13 @@ impl<A: CommObject> Drop for Reply<'_, A> {
 pub struct QueryServer<R, A> {
     handle: PortHandle,
     objects: PhantomData<fn(R) -> A>,
+}
+
+impl<R: CommObject, A: CommObject> Default for QueryServer<R, A> {
+    /// A closed one: what is left where a port was taken to be moved into a task.
+    fn default() -> Self {
+        Self::new(PortHandle::CLOSED)
+    }
 }
 
 impl<R: CommObject, A: CommObject> QueryServer<R, A> {

@@ -48,6 +48,13 @@ pub struct SendClient<C> {
     object: PhantomData<fn(C)>,
 }
 
+impl<C: CommObject> Default for SendClient<C> {
+    /// A closed one: what is left where a port was taken to be moved into a task.
+    fn default() -> Self {
+        Self::new(PortHandle::CLOSED)
+    }
+}
+
 impl<C: CommObject> SendClient<C> {
     pub(crate) const fn new(handle: PortHandle) -> Self {
         Self { handle, object: PhantomData }
@@ -127,6 +134,13 @@ impl<C: CommObject> Drop for Outgoing<'_, C> {
 pub struct SendServer<C> {
     handle: PortHandle,
     object: PhantomData<fn(C)>,
+}
+
+impl<C: CommObject> Default for SendServer<C> {
+    /// A closed one: what is left where a port was taken to be moved into a task.
+    fn default() -> Self {
+        Self::new(PortHandle::CLOSED)
+    }
 }
 
 impl<C: CommObject> SendServer<C> {

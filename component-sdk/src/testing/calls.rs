@@ -263,7 +263,7 @@ impl Calls {
 }
 
 pub(super) const API: CallApi =
-    CallApi { loan, send, ask, receive, release, discard, blocking, next, opened, answer_loan, answer, refuse };
+    CallApi { loan, send, ask, receive, release, discard, blocking, wake, next, opened, answer_loan, answer, refuse };
 
 pub(super) fn allocate(object: &TypeDescriptor) -> *mut u8 {
     let layout =
@@ -276,19 +276,28 @@ pub(super) fn code(result: Result<(), Status>) -> u32 {
     result.map_or_else(Status::code, |()| 0)
 }
 
+/// Of a port that was taken.
+const CLOSED: Lent = Lent::refused(Status::Closed);
+
+fn in_port(handle: PortHandle, act: impl FnOnce(&mut Calls) -> Result<(), Status>) -> Result<(), Status> {
+    port(handle).map_or(Err(Status::Closed), |port| act(&mut port.borrow_mut().calls))
+}
+
 extern "C" fn loan(handle: PortHandle) -> Lent {
-    let mut port = port(handle).borrow_mut();
+    let Some(port) = port(handle) else { return CLOSED };
+    let mut port = port.borrow_mut();
     let request = allocate(port.object);
     let id = port.calls.open(request, State::Loan);
     Lent { value: request, id, status: 0, initialised: false }
 }
 
 extern "C" fn send(handle: PortHandle, id: u64) -> u32 {
-    code(port(handle).borrow_mut().calls.send(id))
+    code(in_port(handle, |calls| calls.send(id)))
 }
 
 extern "C" fn ask(handle: PortHandle, id: u64, wait: Wait) -> Lent {
-    let calls = &mut port(handle).borrow_mut().calls;
+    let Some(port) = port(handle) else { return CLOSED };
+    let calls = &mut port.borrow_mut().calls;
     if let Err(status) = calls.send(id) {
         return Lent::refused(status);
     }
@@ -300,37 +309,42 @@ extern "C" fn ask(handle: PortHandle, id: u64, wait: Wait) -> Lent {
 }
 
 extern "C" fn receive(handle: PortHandle, id: u64, wait: Wait) -> Lent {
-    port(handle).borrow_mut().calls.receive(id, wait)
+    port(handle).map_or(CLOSED, |port| port.borrow_mut().calls.receive(id, wait))
 }
 
 extern "C" fn release(_: PortHandle, _: u64) {}
 
 extern "C" fn discard(handle: PortHandle, id: u64) -> u32 {
-    let calls = &mut port(handle).borrow_mut().calls;
-    match calls.call(id).filter(|call| call.state != State::Over) {
-        Some(call) => {
-            call.state = State::Over;
-            0
-        }
-        None => Status::WrongId.code(),
-    }
+    code(in_port(handle, |calls| {
+        let call = calls.call(id).filter(|call| call.state != State::Over).ok_or(Status::WrongId)?;
+        call.state = State::Over;
+        Ok(())
+    }))
 }
 
 extern "C" fn blocking(handle: PortHandle, whose: Whose, on: bool) -> u32 {
-    port(handle).borrow_mut().calls.refuses_waits[whose as usize] = !on;
-    0
+    code(in_port(handle, |calls| {
+        calls.refuses_waits[whose as usize] = !on;
+        Ok(())
+    }))
+}
+
+/// Nobody waits on the bench.
+extern "C" fn wake(handle: PortHandle) -> u32 {
+    code(in_port(handle, |_| Ok(())))
 }
 
 extern "C" fn opened(handle: PortHandle, id: u64) -> Lent {
-    port(handle).borrow_mut().calls.opened(id)
+    port(handle).map_or(CLOSED, |port| port.borrow_mut().calls.opened(id))
 }
 
 extern "C" fn next(handle: PortHandle, wait: Wait) -> Lent {
-    port(handle).borrow_mut().calls.next(wait)
+    port(handle).map_or(CLOSED, |port| port.borrow_mut().calls.next(wait))
 }
 
 extern "C" fn answer_loan(handle: PortHandle, id: u64) -> Lent {
-    let mut port = port(handle).borrow_mut();
+    let Some(port) = port(handle) else { return CLOSED };
+    let mut port = port.borrow_mut();
     let Some(object) = port.answer else { return Lent::refused(Status::NotAllowed) };
     let Some(call) = port.calls.in_state(id, State::Open) else { return Lent::refused(Status::WrongId) };
     call.answer = allocate(object);
@@ -338,13 +352,14 @@ extern "C" fn answer_loan(handle: PortHandle, id: u64) -> Lent {
 }
 
 extern "C" fn answer(handle: PortHandle, id: u64) -> u32 {
-    let calls = &mut port(handle).borrow_mut().calls;
-    let is_lent = calls.call(id).is_some_and(|call| !call.answer.is_null());
-    code(if is_lent { calls.end(id, State::Answered) } else { Err(Status::WrongId) })
+    code(in_port(handle, |calls| {
+        let is_lent = calls.call(id).is_some_and(|call| !call.answer.is_null());
+        if is_lent { calls.end(id, State::Answered) } else { Err(Status::WrongId) }
+    }))
 }
 
 extern "C" fn refuse(handle: PortHandle, id: u64, status: u32) -> u32 {
-    code(port(handle).borrow_mut().calls.end(id, State::Refused(Status::from_code(status))))
+    code(in_port(handle, |calls| calls.end(id, State::Refused(Status::from_code(status)))))
 }
 
 #[cfg(test)]

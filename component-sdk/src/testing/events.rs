@@ -190,8 +190,14 @@ impl Events {
 
 pub(super) const API: EventApi = EventApi { loan, activate, deactivate, state, fetch, blocking, first, next, leave };
 
+/// Of a port that was taken.
+fn in_events(handle: PortHandle, act: impl FnOnce(&mut Events) -> Result<(), Status>) -> u32 {
+    code(port(handle).map_or(Err(Status::Closed), |port| act(&mut port.borrow_mut().events)))
+}
+
 extern "C" fn loan(handle: PortHandle) -> Lent {
-    let mut port = port(handle).borrow_mut();
+    let Some(port) = port(handle) else { return Lent::refused(Status::Closed) };
+    let mut port = port.borrow_mut();
     let Some(object) = port.answer else { return Lent::refused(Status::NotAllowed) };
     let parameter = allocate(object);
     let id = port.events.open(parameter, Mode::Single);
@@ -200,44 +206,47 @@ extern "C" fn loan(handle: PortHandle) -> Lent {
 }
 
 extern "C" fn activate(handle: PortHandle, id: u64, mode: Mode) -> u32 {
-    let events = &mut port(handle).borrow_mut().events;
-    events.place(id).map_or(Status::WrongId.code(), |activation| {
+    in_events(handle, |events| {
+        let activation = events.place(id).ok_or(Status::WrongId)?;
         (activation.is_open, activation.mode) = (true, mode);
-        0
+        Ok(())
     })
 }
 
 extern "C" fn deactivate(handle: PortHandle, id: u64) -> u32 {
-    code(port(handle).borrow_mut().events.get(id).map(|activation| activation.is_open = false))
+    in_events(handle, |events| events.get(id).map(|activation| activation.is_open = false))
 }
 
 extern "C" fn state(handle: PortHandle, id: u64) -> u32 {
-    let events = &mut port(handle).borrow_mut().events;
-    code(events.get(id).and_then(|activation| match activation.event {
-        Some(_) => Ok(()),
-        None if activation.mode == Mode::Single && activation.has_fired => Err(Status::Passive),
-        None => Err(Status::Active),
-    }))
+    in_events(handle, |events| match events.get(id)? {
+        activation if activation.event.is_some() => Ok(()),
+        activation if activation.mode == Mode::Single && activation.has_fired => Err(Status::Passive),
+        _ => Err(Status::Active),
+    })
 }
 
 extern "C" fn fetch(handle: PortHandle, id: u64, which: Which, wait: Wait) -> Lent {
-    let fetched = port(handle).borrow_mut().events.fetch(id, which, wait);
+    let fetched = port(handle).map_or(Err(Status::Closed), |port| port.borrow_mut().events.fetch(id, which, wait));
     fetched.map_or_else(Lent::refused, |value| Lent { value, id, status: 0, initialised: true })
 }
 
 extern "C" fn blocking(handle: PortHandle, whose: Whose, on: bool) -> u32 {
-    port(handle).borrow_mut().events.refuses_waits[whose as usize] = !on;
-    0
+    in_events(handle, |events| {
+        events.refuses_waits[whose as usize] = !on;
+        Ok(())
+    })
 }
 
 extern "C" fn first(handle: PortHandle) -> Testing {
-    let mut port = port(handle).borrow_mut();
+    let Some(port) = port(handle) else { return Testing::over(Status::Closed) };
+    let mut port = port.borrow_mut();
     let object = port.object;
     port.events.test_from(0, object)
 }
 
 extern "C" fn next(handle: PortHandle, id: u64, fires: bool) -> Testing {
-    let mut port = port(handle).borrow_mut();
+    let Some(port) = port(handle) else { return Testing::over(Status::Closed) };
+    let mut port = port.borrow_mut();
     let (object, events) = (port.object, &mut port.events);
     let may_fire = events.get(id).is_ok_and(|activation| activation.mode == Mode::Continuous || !activation.has_fired);
     if fires

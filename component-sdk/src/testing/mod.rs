@@ -24,6 +24,7 @@ mod calls;
 mod events;
 mod links;
 mod sends;
+mod tasks;
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -64,7 +65,7 @@ struct BenchPort {
 
 thread_local! {
     static RECORD: RefCell<Record> = const {
-        RefCell::new(Record { now_ns: 0, logs: Vec::new(), faults: Vec::new(), safe_outputs: Vec::new(), wirings: Vec::new() })
+        RefCell::new(Record { now_ns: 0, logs: Vec::new(), faults: Vec::new(), safe_outputs: Vec::new(), wirings: Vec::new(), tasks: Vec::new(), cancelled: false, error: String::new() })
     };
 }
 
@@ -74,6 +75,9 @@ struct Record {
     faults: Vec<String>,
     safe_outputs: Vec<(i32, Vec<u8>)>,
     wirings: Vec<String>,
+    tasks: Vec<tasks::Started>,
+    cancelled: bool,
+    error: String,
 }
 
 impl<C: Callbacks> Bench<C> {
@@ -91,6 +95,7 @@ impl<C: Callbacks> Bench<C> {
     /// When a text does not fit its property, or names none.
     pub fn with(properties: &[(&str, &str)]) -> Result<Self, crate::component::ComponentError> {
         host::set(&BENCH);
+        drop(RECORD.with_borrow_mut(|record| std::mem::take(&mut record.tasks)));
         let decl = C::DECL;
         if let Some((name, _)) =
             properties.iter().find(|(name, _)| decl.properties.iter().all(|p| p.name.as_str() != *name))
@@ -270,7 +275,7 @@ static BENCH: HostApi = HostApi {
     clock,
     log,
     raise_fault,
-    note_error: ignore_text,
+    note_error: tasks::note_error,
     note_panic: ignore_panic,
     note_injection: nothing,
     critical: ignore_region,
@@ -283,6 +288,7 @@ static BENCH: HostApi = HostApi {
     calls: calls::API,
     events: events::API,
     links: links::API,
+    tasks: tasks::API,
 };
 
 extern "C" fn clock() -> u64 {
@@ -312,20 +318,20 @@ extern "C" fn safe_output(fd: i32, bytes: RSlice<'_, u8>) {
     });
 }
 
-extern "C" fn ignore_text(_: RStr<'_>) {}
 extern "C" fn ignore_panic(_: RStr<'_>, _: RStr<'_>, _: u32) {}
 extern "C" fn ignore_region(_: RStr<'_>, _: *mut u8, _: usize) {}
 extern "C" fn nothing() {}
 
-/// The port behind a handle of the bench.
-fn port<'a>(handle: PortHandle) -> &'a RefCell<BenchPort> {
+/// The port behind a handle of the bench; `None`: a closed one, of which the port was taken.
+fn port<'a>(handle: PortHandle) -> Option<&'a RefCell<BenchPort>> {
     // SAFETY: the bench gives out handles of its own boxed ports only and owns them longer than the component; both
     // live on one thread.
-    unsafe { &*handle.0.cast::<RefCell<BenchPort>>() }
+    unsafe { handle.0.cast::<RefCell<BenchPort>>().as_ref() }
 }
 
 extern "C" fn loan(handle: PortHandle) -> LoanResult {
-    let object = port(handle).borrow().object;
+    let Some(port) = port(handle) else { return LoanResult::CLOSED };
+    let object = port.borrow().object;
     let layout =
         std::alloc::Layout::from_size_align(object.size.max(1), object.align).expect("a compiler's own layout");
     // SAFETY: the size is not zero.
@@ -333,12 +339,14 @@ extern "C" fn loan(handle: PortHandle) -> LoanResult {
 }
 
 extern "C" fn publish(handle: PortHandle, value: *mut u8) -> u32 {
-    port(handle).borrow_mut().queue.push_back((value, clock()));
-    0
+    port(handle).map_or(crate::port::Sent::Closed, |port| {
+        port.borrow_mut().queue.push_back((value, clock()));
+        crate::port::Sent::Ok
+    }) as u32
 }
 
 extern "C" fn give_back(_: PortHandle, _: *mut u8) {}
 
 extern "C" fn read(handle: PortHandle, mode: ReadMode) -> ReadResult {
-    port(handle).borrow_mut().read(mode)
+    port(handle).map_or(ReadResult::NONE, |port| port.borrow_mut().read(mode))
 }

@@ -106,6 +106,7 @@ fn describe(component: &Value) -> Vec<String> {
     let mut lines = fields(&shown, &FIELDS);
     lines.extend(section("properties", &["name", "type", "value"], &rows("properties")));
     lines.extend(section("secondaries", &["class", "preload"], &rows("secondaries")));
+    lines.extend(section("tasks", &["task", "runs", "count"], &rows("tasks")));
     lines.extend(section("ports", &["port", "direction", "type", "connections"], &rows("ports")));
     lines
 }

@@ -2,12 +2,14 @@
 //! component. The journal, the log and the control socket show the same.
 
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use component_sdk::object::TypeDescriptor;
 use serde_json::{Value, json};
 
 use super::directory::{Directory, End, Entry, Wires};
 use crate::exec::slot::Slot;
+use crate::exec::task::Task;
 use crate::exec::workshop::Shelf;
 use crate::fault::ledger::Ledger;
 use crate::model::lifecycle::State;
@@ -116,8 +118,15 @@ pub fn component_details(directory: &Directory, entry: &Entry) -> Value {
     for (name, value) in more.into_iter().filter_map(|fields| fields.as_object().cloned()).flatten() {
         fields[name] = value;
     }
+    fields["tasks"] = entry.slot.tasks.all().iter().map(|each| task(each)).collect::<Vec<_>>().into();
     fields["ports"] = ports(entry, &directory.wires()).into();
     fields
+}
+
+/// A thread of a component.
+fn task(task: &Task) -> Value {
+    let period = task.period_ns.map_or_else(|| "once".to_owned(), |ns| format!("every {:?}", Duration::from_nanos(ns)));
+    json!({"task": task.name.as_str(), "runs": period, "count": task.runs()})
 }
 
 /// What the profiles say of a slot.

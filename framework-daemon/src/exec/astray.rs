@@ -12,16 +12,20 @@ impl Member {
     /// shared; a panic leaves it sound. What a thread of an earlier instance does is only written down.
     pub fn blame(&mut self, report: &Report, crew: &mut Crew) {
         let Some(fault) = callback::astray(&report.event, report.at_ns) else { return };
+        self.answer_for(report.owner.instance, &fault, crew);
+    }
+
+    /// Answers a fault that did not happen in a callback, by the slot's rules.
+    pub(super) fn answer_for(&mut self, instance: u64, fault: &Fault, crew: &mut Crew) {
         let is_lost = fault.symptom.loses_instance();
-        let instance = report.owner.instance;
         let unit =
             self.unit.as_mut().filter(|unit| unit.owner.instance == instance || instance == Owner::NONE.instance);
         let is_present = unit.is_some();
         unit.into_iter().for_each(|unit| unit.spent |= is_lost);
         match self.state() {
-            State::Active if is_present => self.handle(&fault, crew),
-            _ if is_present && is_lost => self.lose(&fault, crew),
-            _ => self.blame_standby(instance, &fault, crew),
+            State::Active if is_present => self.handle(fault, crew),
+            _ if is_present && is_lost => self.lose(fault, crew),
+            _ => self.blame_standby(instance, fault, crew),
         }
     }
 

@@ -12,7 +12,7 @@ use crate::model::symptom::Symptom;
 use crate::plugin::host;
 use crate::port::check;
 use crate::sys::clock;
-use crate::sys::fiber::Ended;
+use crate::sys::fiber::{Ended, Errand};
 use crate::sys::fiber_pool::{FiberPool, Progress};
 use crate::sys::foreign::Event;
 use crate::sys::seat::{self, Owner};
@@ -249,13 +249,13 @@ fn take_seat(owner: &Owner) {
     }
 }
 
-fn no_stack(error: &std::io::Error) -> Fault {
+pub(super) fn no_stack(error: &std::io::Error) -> Fault {
     told(Symptom::Error, &format!("no stack for its fiber: {error}"))
 }
 
 /// The fault of the fiber that trapped just now. Built where it is to lie: a fault is large.
 #[inline(always)]
-fn last_trap(fibers: &Fibers) -> Fault {
+pub(super) fn last_trap<E: Errand>(fibers: &FiberPool<E>) -> Fault {
     match fibers.trap() {
         Some(trap) => trapped(trap),
         None => told(Symptom::CrashSegv, ""),

@@ -80,6 +80,12 @@ impl Executor {
         self.schedule == *schedule && !self.stuck.load(Ordering::Relaxed)
     }
 
+    /// How its thread is scheduled.
+    #[must_use]
+    pub const fn schedule(&self) -> &Schedule {
+        &self.schedule
+    }
+
     /// What wakes it: for the signals of its members.
     #[must_use]
     pub const fn bell(&self) -> &Arc<Bell> {
@@ -337,6 +343,9 @@ impl Run {
     fn look(&mut self, number: usize) {
         let Some(Some(member)) = self.members.get_mut(number) else { return };
         let rings = member.signal.take();
+        if rings.has(Ring::Task) {
+            member.hear_tasks(&mut self.crew);
+        }
         if member.strand.waits() {
             member.strand.hold(rings.without(Ring::Wait));
             if rings.has(Ring::Wait) {

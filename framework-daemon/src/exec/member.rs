@@ -16,6 +16,7 @@ use super::workshop::Shelf;
 use crate::model::fault::{Fault, FaultSender};
 use crate::model::ladder::Ladder;
 use crate::model::lifecycle::{Event, State};
+use crate::model::limits::{TASK_END, TASK_END_AT_STOP};
 use crate::model::time::nanoseconds;
 use crate::port::pattern::provider::Openness;
 use crate::profile::plan::{Preload, Trigger};
@@ -384,6 +385,7 @@ impl Member {
     pub fn stop(&mut self, crew: &mut Crew) {
         self.give_up(crew);
         service::set_blocking(&self.slot, false);
+        self.end_tasks(TASK_END_AT_STOP, crew);
         self.end_wait(crew);
         service::set_open(&self.slot, Openness::Stopped);
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
@@ -420,6 +422,7 @@ impl Member {
     /// A fault on the way out: there is nothing left to recover.
     pub(super) fn lose(&mut self, fault: &Fault, crew: &mut Crew) {
         self.step(Event::Fault);
+        self.end_tasks(TASK_END, crew);
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
             crew.dispose(&self.slot, unit);
         }

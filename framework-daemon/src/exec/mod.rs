@@ -37,6 +37,15 @@ mod spare;
 /// A slot as everybody sees it: name, ports, counters.
 pub mod slot;
 
+/// Threads of a component: started, ended, answered for.
+pub mod task;
+
+/// What tasks did wrong.
+mod task_faults;
+
+/// A task's own side.
+mod task_run;
+
 /// Data wakes a nonperiodic slot; inline where it is on the same executor.
 pub mod trigger;
 

@@ -9,6 +9,7 @@ use super::member::Crew;
 use super::recover;
 use super::slot::{Slot, Status};
 use super::strand::{Pause, Strand};
+use super::task_faults::start_tasks;
 use super::unit::{Recipe, Unit};
 use crate::model::fault::{Fault, FaultEvent, Outcome, Times};
 use crate::model::ladder::Answer;
@@ -92,6 +93,7 @@ impl Crew {
     fn look_after(&mut self, unit: &mut Unit) {
         self.lost |= unit.spent;
         if seat::has_notes() {
+            start_tasks(unit);
             while let Some(note) = host::take_region() {
                 let name = names::intern(note.name.as_str());
                 unit.register(Region { name, address: note.address, len: note.len });

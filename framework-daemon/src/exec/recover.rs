@@ -18,7 +18,7 @@ use super::unit::Unit;
 use crate::model::fault::{Fault, FaultEvent, FaultSender, Outcome, Times};
 use crate::model::ladder::Answer;
 use crate::model::lifecycle::{Event, State};
-use crate::model::limits::{BREATH_MAX, BREATH_MIN, BREATHLESS_FAILURES, RECOVERY_STEPS_MAX};
+use crate::model::limits::{BREATH_MAX, BREATH_MIN, BREATHLESS_FAILURES, RECOVERY_STEPS_MAX, TASK_END};
 use crate::model::time::nanoseconds;
 use crate::port::pattern::provider::Openness;
 use crate::profile::plan::Trigger;
@@ -113,6 +113,9 @@ impl Member {
     fn answer(&mut self, fault: &Fault, crew: &mut Crew) {
         // Where something else than the callback failed, it may be waiting.
         self.end_wait(crew);
+        if self.unit.as_ref().is_some_and(|unit| unit.spent) {
+            self.end_tasks(TASK_END, crew);
+        }
         Status::count(&self.slot.status.faults);
         let class = self.slot.status.class();
         let answer = self.look_up(fault);
@@ -152,7 +155,7 @@ impl Member {
                     if climb.answer == Answer::Stop || climb.failures <= BREATHLESS_FAILURES {
                         continue;
                     }
-                    self.breathe(fault, climb);
+                    self.breathe(fault, climb, crew);
                 }
             }
             break;
@@ -174,7 +177,8 @@ impl Member {
     }
 
     /// The next try waits, longer each time.
-    fn breathe(&mut self, fault: &Fault, climb: Climb) {
+    fn breathe(&mut self, fault: &Fault, climb: Climb, crew: &mut Crew) {
+        self.end_tasks(TASK_END, crew);
         // Nobody is to wait for an instance that is gone as long as that takes.
         service::change_hands(&self.slot);
         let doublings = (climb.failures - BREATHLESS_FAILURES).min(16) as u32 - 1;
@@ -257,6 +261,7 @@ impl Member {
 
     /// Puts a successor in the place of the instance in use.
     fn succeed(&mut self, unit: Box<Unit>, fault: &Fault, climb: &mut Climb, crew: &mut Crew) -> Step {
+        self.end_tasks(TASK_END, crew);
         self.slot.status.set_class(unit.recipe);
         self.unit.iter().for_each(|unit| unit.close());
         service::change_hands(&self.slot);
@@ -379,6 +384,7 @@ impl Member {
             // What it does about it changes nothing any more.
             let _ = self.enter(call, crew);
         }
+        self.end_tasks(TASK_END, crew);
         if let Some(unit) = self.unit.take_if(|unit| unit.spent) {
             unit.close();
             self.clear(unit, crew);

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, AtomicUsize, Ordering};
 
+use super::task::Tasks;
 use crate::model::fault::Memory;
 use crate::model::lifecycle::State;
 use crate::port::border::PortEnd;
@@ -28,6 +29,8 @@ pub struct Slot {
     pub unlisted: Vec<&'static str>,
     /// Event ports.
     pub events: EventEnds,
+    /// Threads of its component.
+    pub tasks: Arc<Tasks>,
     /// Counters.
     pub status: Status,
 }

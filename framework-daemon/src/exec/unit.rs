@@ -1,6 +1,7 @@
 //! An instance with its bindings, and the recipe for another one.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use abi_stable::std_types::RStr;
 use component_sdk::abi::class::{CallStatus, ClassDecl, Direction, Hook};
@@ -8,6 +9,7 @@ use component_sdk::abi::payload::PortHandle;
 
 use super::checkpoint::Region;
 use super::slot::Slot;
+use super::task::Tasks;
 use crate::detect::deadline;
 use crate::model::fault::{Evidence, Fault};
 use crate::model::limits::{HANG, HANG_AT_START, HANG_AT_STOP, NEAR_BYTES, STACK_BYTES};
@@ -110,6 +112,8 @@ pub struct Unit {
     pub instance: Instance,
     /// Its slot, and its number: no other instance ever has the same.
     pub owner: Owner,
+    /// The slot's tasks, for those that it starts.
+    pub tasks: Arc<Tasks>,
     /// Its class's name.
     pub class: &'static str,
     /// Number of the slot's recipe that it was made after.
@@ -123,11 +127,13 @@ pub struct Unit {
     /// Its checkpoint: fields of the instance, and what it registered.
     pub regions: Vec<Region>,
     bindings: Vec<Binding>,
+    in_use: AtomicBool,
 }
 
 /// All that is there before the constructor runs.
 pub struct Parts {
     owner: Owner,
+    tasks: Arc<Tasks>,
     class: Class,
     bindings: Vec<Binding>,
     handles: Vec<PortHandle>,
@@ -159,7 +165,8 @@ impl Recipe {
         let bindings = bind(decl, slot, owner.instance)?;
         let handles = bindings.iter().map(Binding::handle).collect();
         let properties = decl.properties.iter().map(|property| self.property(property)).collect();
-        Ok(Parts { owner, class, bindings, handles, properties, recipe: self.number, limits: self.limits })
+        let tasks = Arc::clone(&slot.tasks);
+        Ok(Parts { owner, class, bindings, handles, properties, recipe: self.number, limits: self.limits, tasks })
     }
 
     fn property(&self, decl: &component_sdk::abi::class::PropertyDecl) -> String {
@@ -201,12 +208,14 @@ impl Parts {
             regions: critical_fields(&self.class.exported().decl, instance.address()),
             instance,
             owner: self.owner,
+            tasks: self.tasks,
             class: self.class.name(),
             recipe: self.recipe,
             limits: self.limits,
             spent: false,
             started: false,
             bindings: self.bindings,
+            in_use: AtomicBool::new(false),
         })
     }
 
@@ -261,11 +270,19 @@ impl Unit {
 
     /// It takes the slot over: its ports lead somewhere.
     pub fn open(&self) {
+        self.in_use.store(true, Ordering::Relaxed);
         self.bindings.iter().for_each(Binding::open);
+    }
+
+    /// It has the slot.
+    #[must_use]
+    pub fn is_in_use(&self) -> bool {
+        self.in_use.load(Ordering::Relaxed)
     }
 
     /// It left the slot: its ports are closed.
     pub fn close(&self) {
+        self.in_use.store(false, Ordering::Relaxed);
         self.bindings.iter().for_each(Binding::close);
     }
 }

@@ -83,6 +83,15 @@ pub const WAIT: Duration = Duration::from_secs(1);
 /// Slots that may wait for each other, with those of a reload beside them.
 pub const WAITERS: usize = 2 * SLOTS + 1;
 
+/// Most tasks of one instance.
+pub const TASKS: usize = 16;
+/// Longest time until a task that is cancelled by a stop must have come to its end.
+pub const TASK_END_AT_STOP: Duration = Duration::from_millis(200);
+/// As above, where another instance waits to take the slot over.
+pub const TASK_END: Duration = Duration::from_millis(20);
+/// How long a task that is ended by force is waited for.
+pub const TASK_END_BY_FORCE: Duration = Duration::from_millis(50);
+
 /// Most resets that a restart intensity may allow within its window.
 pub const RESETS_MAX: u32 = 1_000;
 /// Restart intensity of a slot whose rules state none: that many resets
@@ -226,6 +235,10 @@ const _: () = assert!(PERIOD_MIN.as_nanos() < DURATION_MAX.as_nanos());
 const _: () = assert!(STACK_MIN_BYTES <= STACK_BYTES && STACK_BYTES <= STACK_MAX_BYTES);
 const _: () = assert!(HANG_AT_START.as_nanos() < BOOT_STEP.as_nanos(), "a hang is told before the boot is given up");
 const _: () = assert!(HANG_AT_STOP.as_nanos() < SHUTDOWN_STEP.as_nanos());
+const _: () = assert!(
+    TASK_END_AT_STOP.as_nanos() + TASK_END_BY_FORCE.as_nanos() < SHUTDOWN_STEP.as_nanos(),
+    "a task that hangs does not hold up the end"
+);
 const _: () = assert!(SAFE_OUTPUT_BYTES == component_sdk::context::SAFE_OUTPUT_LIMIT);
 const _: () = assert!(SAFE_OUTPUT_BYTES.is_multiple_of(8), "kept in words");
 const _: () = assert!(TEXT_BYTES >= component_sdk::context::TEXT_LIMIT && TEXT_BYTES <= u16::MAX as usize);

@@ -27,4 +27,7 @@ pub mod library;
 /// Which function an address lies in.
 pub mod symbols;
 
+/// Tasks that a callback starts.
+pub mod task;
+
 pub use library::{Class, Plugin};

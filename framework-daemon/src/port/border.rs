@@ -24,7 +24,7 @@ use super::pattern::requestor::Requestor;
 use super::table::{self, Claim, Kind, Place};
 use super::{border_calls, border_events, border_links};
 use crate::model::limits::HEADROOM_BYTES;
-use crate::plugin::host;
+use crate::plugin::{host, task};
 use crate::sys::{arch, seat};
 
 /// One end of a slot's port.
@@ -115,6 +115,7 @@ impl Binding {
         };
         let lent = scratch.as_deref().map_or(std::ptr::null(), std::ptr::from_ref);
         place.owner.store(owner, Ordering::Relaxed);
+        place.instance.store(owner, Ordering::Relaxed);
         place.port.store(address.cast_mut(), Ordering::Relaxed);
         place.scratch.store(lent.cast_mut().cast(), Ordering::Relaxed);
         claim.set(kind);
@@ -201,6 +202,7 @@ pub static HOST: HostApi = HostApi {
     calls: border_calls::API,
     events: border_events::API,
     links: border_links::API,
+    tasks: task::API,
 };
 
 /// What a handle leads to.
@@ -247,8 +249,9 @@ pub(super) fn visit<R>(handle: PortHandle, act: impl FnOnce(End<'_>, Borrower) -
     }
     // The kind again: it may have changed before the place was entered.
     let kind = table::find(handle).map_or(Kind::Closed, |(_, kind)| kind);
+    let borrower = visitor(place, kind);
     // SAFETY: the binding keeps what the place leads to as long as somebody is inside.
-    let result = act(unsafe { end(place, kind) }, Borrower::Other);
+    let result = act(unsafe { end(place, kind) }, borrower);
     place.leave();
     result
 }
@@ -274,6 +277,37 @@ unsafe fn end(place: &Place, kind: Kind) -> End<'_> {
             Kind::EventServer => End::EventServer(&*port.cast::<EventServer>()),
         }
     }
+}
+
+/// As [`visit`], for a task that wants something of a port of its instance, whoever uses that: it is not taken.
+pub(super) fn visit_beside<R>(handle: PortHandle, act: impl FnOnce(End<'_>) -> R) -> R {
+    make_sure_of_stack();
+    let is_own =
+        |place: &Place| seat::task().is_some_and(|task| task.instance == place.instance.load(Ordering::Relaxed));
+    let Some((place, _)) = table::find(handle).filter(|(place, _)| is_own(place)) else { return act(End::Closed) };
+    if !place.enter(handle) {
+        return act(End::Closed);
+    }
+    let kind = table::find(handle).map_or(Kind::Closed, |(_, kind)| kind);
+    // SAFETY: the binding keeps what the place leads to as long as somebody is inside.
+    let result = act(unsafe { end(place, kind) });
+    place.leave();
+    result
+}
+
+/// In a place's owner: a task that the port was moved into. No instance's number is that large.
+const MOVED: u64 = 1 << 63;
+
+/// Who it is that comes from another thread than the callbacks'. A port is a task's from the moment in which that uses it
+/// first, and nobody else's any more; but queries that a server holds may be answered from anywhere in the component.
+fn visitor(place: &Place, kind: Kind) -> Borrower {
+    let Some(task) = seat::task() else { return Borrower::Other };
+    let (moved, owner) = (task.number | MOVED, place.owner.load(Ordering::Relaxed));
+    let is_own = owner == moved
+        || owner == task.instance
+            && (kind == Kind::Provider
+                || place.owner.compare_exchange(owner, moved, Ordering::AcqRel, Ordering::Relaxed).is_ok());
+    if is_own { Borrower::Task } else { Borrower::Other }
 }
 
 /// A stack that is about to overflow does so here, where nothing is locked, and not inside.

@@ -1,25 +1,25 @@
-//! Where plugins' queries and messages arrive. A call belongs into a callback of the instance whose port it is: a thread that the
-//! component started would have to be told apart from the callback at every step.
+//! Where plugins' queries and messages arrive. A call belongs into a callback of the instance whose port it is, or into a
+//! task that the port was moved into: any other thread would have to be told apart from the callback at every step.
 
 use component_sdk::abi::calls::{CallApi, Lent, Wait, Whose};
 use component_sdk::abi::payload::PortHandle;
 use component_sdk::status::Status;
 
-use super::border::{End, visit};
-use super::output::Borrower;
+use super::border::{End, visit, visit_beside};
 use super::pattern::provider::Provider;
 use super::pattern::requestor::Requestor;
 use super::wait;
+use crate::sys::seat;
 
 /// What every plugin is given for its queries and messages.
 pub(super) const API: CallApi =
-    CallApi { loan, send, ask, receive, release, discard, blocking, next, opened, answer_loan, answer, refuse };
+    CallApi { loan, send, ask, receive, release, discard, blocking, wake, next, opened, answer_loan, answer, refuse };
 
 /// Calls `act` with the client port of a handle.
 fn client<R>(handle: PortHandle, act: impl FnOnce(&Requestor) -> Result<R, Status>) -> Result<R, Status> {
     visit(handle, |end, borrower| match end {
         _ if matches!(end, End::Closed) => Err(Status::Closed),
-        _ if borrower != Borrower::Callback => Err(Status::NotAllowed),
+        _ if !borrower.may_call() => Err(Status::NotAllowed),
         End::Requestor(port) => act(port),
         // An instance that stands ready is not connected.
         End::Idle => Err(Status::Disconnected),
@@ -31,7 +31,7 @@ fn client<R>(handle: PortHandle, act: impl FnOnce(&Requestor) -> Result<R, Statu
 fn server<R>(handle: PortHandle, act: impl FnOnce(&Provider) -> Result<R, Status>) -> Result<R, Status> {
     visit(handle, |end, borrower| match end {
         _ if matches!(end, End::Closed) => Err(Status::Closed),
-        _ if borrower != Borrower::Callback => Err(Status::NotAllowed),
+        _ if !borrower.may_call() => Err(Status::NotAllowed),
         End::Provider(port) => act(port),
         End::Idle => Err(Status::WrongId),
         _ => Err(Status::NotAllowed),
@@ -75,6 +75,17 @@ extern "C" fn discard(handle: PortHandle, id: u64) -> u32 {
 }
 
 extern "C" fn blocking(handle: PortHandle, whose: Whose, on: bool) -> u32 {
+    if whose == Whose::Component && seat::task().is_some() {
+        // A task speaks for the whole component here, and takes no port.
+        return code(visit_beside(handle, |end| match end {
+            End::Closed => Err(Status::Closed),
+            End::Requestor(port) => {
+                port.blocking(whose, on);
+                Ok(())
+            }
+            _ => Err(Status::NotAllowed),
+        }));
+    }
     code(client(handle, |port| {
         port.blocking(whose, on);
         Ok(())
@@ -88,6 +99,13 @@ extern "C" fn next(handle: PortHandle, time: Wait) -> Lent {
         return Lent::refused(Status::NoData);
     }
     lent(server(handle, |port| Ok(port.pull(time, wait::park))))
+}
+
+extern "C" fn wake(handle: PortHandle) -> u32 {
+    code(server(handle, |port| {
+        port.wake();
+        Ok(())
+    }))
 }
 
 extern "C" fn opened(handle: PortHandle, id: u64) -> Lent {

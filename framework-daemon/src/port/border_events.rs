@@ -6,7 +6,6 @@ use component_sdk::abi::payload::PortHandle;
 use component_sdk::status::Status;
 
 use super::border::{End, visit};
-use super::output::Borrower;
 use super::pattern::event_client::EventClient;
 use super::pattern::event_server::EventServer;
 use super::wait;
@@ -22,7 +21,7 @@ fn client<R>(
 ) -> Result<R, Status> {
     visit(handle, |end, borrower| match end {
         _ if matches!(end, End::Closed) => Err(Status::Closed),
-        _ if borrower != Borrower::Callback => Err(Status::NotAllowed),
+        _ if !borrower.may_call() => Err(Status::NotAllowed),
         End::EventClient(port) => act(port),
         End::Idle => Err(idle),
         _ => Err(Status::NotAllowed),
@@ -33,7 +32,7 @@ fn client<R>(
 fn server(handle: PortHandle, act: impl FnOnce(&EventServer) -> Testing) -> Testing {
     visit(handle, |end, borrower| match end {
         _ if matches!(end, End::Closed) => Testing::over(Status::Closed),
-        _ if borrower != Borrower::Callback => Testing::over(Status::NotAllowed),
+        _ if !borrower.may_call() => Testing::over(Status::NotAllowed),
         End::EventServer(port) => act(port),
         // Nobody asks an instance that stands ready.
         End::Idle => Testing::over(Status::NoData),

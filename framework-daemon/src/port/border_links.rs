@@ -12,7 +12,6 @@ use component_sdk::status::Status;
 
 use super::border::{End, make_sure_of_stack, visit};
 use super::exchange::Busy;
-use super::output::Borrower;
 use super::registry::{self, Entry};
 use super::wiring::{self, Name, Refusal};
 use crate::model::limits::LABEL_BYTES;
@@ -99,7 +98,7 @@ fn entry(own: PortHandle) -> Result<Entry, Refusal> {
     // The handle's port is known by its address when nobody is inside any more: names and connections have locks.
     let address = visit(own, |end, borrower| match end {
         End::Closed => Err(Status::Closed),
-        _ if borrower != Borrower::Callback => Err(Status::NotAllowed),
+        _ if !borrower.may_call() => Err(Status::NotAllowed),
         // An instance that stands ready is not connected.
         _ => end.address().ok_or(Status::Disconnected),
     });

@@ -183,7 +183,7 @@ impl InPort {
         }
         match borrower {
             Borrower::Callback => self.look(next),
-            Borrower::Other => self.look_aside(next),
+            Borrower::Task | Borrower::Other => self.look_aside(next),
         }
     }
 

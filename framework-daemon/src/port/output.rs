@@ -38,8 +38,17 @@ impl Link {
 pub enum Borrower {
     /// A callback of the instance in use: one thread at a time.
     Callback,
+    /// A task of the instance in use, whose port it is.
+    Task,
     /// A thread that a component started, or a signal handler: it may still write when its instance is gone.
     Other,
+}
+
+impl Borrower {
+    /// True where the port is this caller's alone, and it may wait.
+    pub(super) fn may_call(self) -> bool {
+        self != Self::Other
+    }
 }
 
 /// All connections of an output.
@@ -149,7 +158,7 @@ impl OutPort {
             // interrupts it; a slot has one such thread at a time. What is done within `look` comes back here for no
             // port of the same slot.
             Borrower::Callback => Some(unsafe { self.table.own(look) }),
-            Borrower::Other => self.table.visit(look).ok(),
+            Borrower::Task | Borrower::Other => self.table.visit(look).ok(),
         }
     }
 
@@ -158,7 +167,7 @@ impl OutPort {
     pub(super) fn loan(&self, borrower: Borrower) -> LoanResult {
         match borrower {
             Borrower::Callback => self.blocks.lend(),
-            Borrower::Other => self.aside().lend(),
+            Borrower::Task | Borrower::Other => self.aside().lend(),
         }
     }
 
@@ -167,7 +176,7 @@ impl OutPort {
         let fill = |pool: &Pool| pool.end_loan(value).into_iter().for_each(|sample| sample.fill(0));
         match borrower {
             Borrower::Callback => fill(&self.blocks),
-            Borrower::Other => fill(&self.aside()),
+            Borrower::Task | Borrower::Other => fill(&self.aside()),
         }
     }
 
@@ -182,7 +191,7 @@ impl OutPort {
                 };
                 self.with_table(borrower, send).unwrap_or(Sent::Closed)
             }
-            Borrower::Other => self.publish_aside(value),
+            Borrower::Task | Borrower::Other => self.publish_aside(value),
         }
     }
 
@@ -214,7 +223,7 @@ impl OutPort {
         let now_ns = clock::now_ns();
         let share = || match borrower {
             Borrower::Callback => self.blocks.lent(value).cloned(),
-            Borrower::Other => self.aside().lent(value).cloned(),
+            Borrower::Task | Borrower::Other => self.aside().lent(value).cloned(),
         };
         // It holds an object from now on.
         let Some(()) = share().map(|sample| sample.fill(now_ns)) else { return Sent::Closed };
@@ -229,7 +238,7 @@ impl OutPort {
         };
         match borrower {
             Borrower::Callback => _ = self.blocks.end_loan(value),
-            Borrower::Other => _ = self.aside().end_loan(value),
+            Borrower::Task | Borrower::Other => _ = self.aside().end_loan(value),
         }
         sent
     }

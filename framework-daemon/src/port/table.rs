@@ -60,8 +60,10 @@ const KINDS: [Kind; 10] = [
 pub(super) struct Place {
     /// Generation in the upper half, kind in the lower.
     state: AtomicU64,
-    /// The instance whose handle it is.
+    /// The instance whose handle it is, or its task that the port was moved into.
     pub(super) owner: AtomicU64,
+    /// The instance, whichever of its strands has the port.
+    pub(super) instance: AtomicU64,
     /// The slot's port.
     pub(super) port: AtomicPtr<()>,
     /// What a resting output lends.

@@ -8,6 +8,7 @@ use crossbeam_queue::SegQueue;
 
 use crate::model::limits::WAITERS;
 use crate::sys::clock;
+use crate::sys::seat::{self, Note};
 
 pub use crate::sys::fiber::{NotHere, park};
 
@@ -43,6 +44,8 @@ static USED: AtomicU32 = AtomicU32::new(1);
 #[derive(Debug)]
 pub struct Waiter {
     number: u32,
+    /// While it has tasks, it is in no ring: one of them may answer what its callbacks are asked, and they wait on their own.
+    tasks: AtomicU32,
 }
 
 impl Waiter {
@@ -51,13 +54,24 @@ impl Waiter {
     pub fn new() -> Arc<Self> {
         let next = |used: u32| ((used as usize) < WAITERS).then_some(used + 1);
         let fresh = || USED.fetch_update(Ordering::AcqRel, Ordering::Acquire, next).ok();
-        Arc::new(Self { number: FREE.pop().or_else(fresh).unwrap_or_default() })
+        Arc::new(Self { number: FREE.pop().or_else(fresh).unwrap_or_default(), tasks: AtomicU32::new(0) })
+    }
+
+    /// It has one task more. Called where its callbacks are entered, between two stretches of them.
+    pub fn task_began(&self) {
+        self.tasks.fetch_add(1, Ordering::SeqCst);
+        self.end();
+    }
+
+    /// It has one task less.
+    pub fn task_ended(&self) {
+        self.tasks.fetch_sub(1, Ordering::SeqCst);
     }
 
     /// It begins to wait for another one; false: it would wait for itself.
     #[must_use]
     pub fn begin(&self, other: &Self) -> bool {
-        if self.number == 0 {
+        if self.number == 0 || self.tasks.load(Ordering::SeqCst) > 0 {
             return true;
         }
         // Told before the others are looked at: of those that close a ring at the same time the last one sees it.
@@ -66,7 +80,8 @@ impl Waiter {
         for _ in 0..WAITERS {
             if at == self.number {
                 self.end();
-                return false;
+                // A task that is about to begin may answer as well.
+                return seat::is_left(Note::Spawned);
             }
             at = WAITS[at as usize].load(Ordering::SeqCst);
             if at == 0 {
@@ -104,6 +119,17 @@ mod tests {
         two.end();
         assert!(three.begin(&one), "nothing leads back any more");
         assert!(!two.begin(&three));
+    }
+
+    #[test]
+    fn one_whose_tasks_could_answer_closes_no_ring() {
+        let [one, two] = [Waiter::new(), Waiter::new()];
+        assert!(one.begin(&two));
+        one.task_began();
+        assert!(two.begin(&one), "what it waited for counts no more");
+        assert!(one.begin(&two) && one.begin(&one), "a task of its own may answer");
+        one.task_ended();
+        assert!(!one.begin(&two));
     }
 
     #[test]

@@ -44,6 +44,8 @@ pub struct Blueprint<'a> {
     pub providers: Vec<Provider>,
     /// Its event ports.
     pub events: EventEnds,
+    /// It, as one that waits and is waited for.
+    pub waiter: Arc<Waiter>,
 }
 
 /// Finds the classes of all slots and compiles their ports.
@@ -68,8 +70,8 @@ impl<'a> Blueprint<'a> {
         let standbys = plan.rules.secondaries.iter().map(|secondary| standby(secondary, &class, catalogue));
         let standbys = standbys.collect::<Result<_, _>>()?;
         let (inputs, outputs, requestors, providers) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let events = EventEnds::default();
-        let mut blueprint = Self { plan, class, standbys, inputs, outputs, requestors, providers, events };
+        let (events, waiter) = (EventEnds::default(), Waiter::new());
+        let mut blueprint = Self { plan, class, standbys, inputs, outputs, requestors, providers, events, waiter };
         blueprint.add_ports()?;
         Ok(blueprint)
     }
@@ -77,7 +79,7 @@ impl<'a> Blueprint<'a> {
     fn add_ports(&mut self) -> Result<(), String> {
         let component = &self.plan.component;
         // One for all of its ports: a slot waits, and is waited for, as a whole.
-        let waiter = Waiter::new();
+        let waiter = Arc::clone(&self.waiter);
         for decl in self.class.exported().decl.ports.iter() {
             match (decl.pattern, decl.direction) {
                 (Pattern::Push, Direction::Input) => self.inputs.push(input(decl, component)?),

@@ -16,6 +16,7 @@ use crate::exec::executor::Executor;
 use crate::exec::member::{Member, Standby};
 use crate::exec::slot::{Slot, Status};
 use crate::exec::strand::Strand;
+use crate::exec::task::Tasks;
 use crate::exec::trigger::Doorbell;
 use crate::exec::unit::{Limits, Recipe, Source};
 use crate::exec::workshop::Workshop;
@@ -122,6 +123,7 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
     let executor = executor_for(system, plan)?;
     let plugins = blueprint.plugins();
     let member = member(blueprint, executor.bell(), &system.workshop);
+    member.slot.tasks.use_schedule(executor.schedule());
     let (slot, shelf, autostart) = (Arc::clone(&member.slot), Arc::clone(&member.shelf), member.autostart);
     let number = executor.install(member, BOOT_STEP)?;
     Ok(Placed { slot, executor, member: number, shelf, autostart, plugins })
@@ -130,24 +132,26 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
 /// A slot as its executor gets it, not installed yet.
 #[must_use]
 pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Member {
-    let Blueprint { plan, class, standbys, inputs, outputs, requestors, providers, events } = blueprint;
+    let Blueprint { plan, class, standbys, inputs, outputs, requestors, providers, events, waiter } = blueprint;
     let unlisted = class.unlisted();
     let standby = |preload| Standby { preload, unit: None };
     let (secondaries, standbys): (Vec<_>, Vec<_>) =
         standbys.into_iter().map(|(recipe, preload)| (recipe, standby(preload))).unzip();
     let recipes: Vec<Recipe> = std::iter::once(primary(plan, class)).chain(secondaries).collect();
+    let name = names::intern(&plan.name);
+    let signal = Signal::new(Arc::clone(bell));
     let slot = Arc::new(Slot {
-        name: names::intern(&plan.name),
+        name,
         inputs: inputs.into_iter().map(Arc::new).collect(),
         outputs: outputs.into_iter().map(Arc::new).collect(),
         requestors: requestors.into_iter().map(Arc::new).collect(),
         providers: providers.into_iter().map(Arc::new).collect(),
         unlisted,
         events,
+        tasks: Arc::new(Tasks::new(name, Arc::clone(&signal), waiter)),
         status: Status::new(recipes.iter().map(|recipe| recipe.class_name).collect()),
     });
     let execution = &plan.component.execution;
-    let signal = Signal::new(Arc::clone(bell));
     if execution.trigger == Trigger::Nonperiodic {
         slot.inputs.iter().for_each(|port| port.listen(Box::new(Doorbell(Arc::clone(&signal)))));
     }

@@ -12,6 +12,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
 use crossbeam_queue::ArrayQueue;
 
+use super::crowd::Crowd;
 use super::seat;
 use super::wake::Waker;
 use crate::model::limits::SLOTS;
@@ -155,8 +156,10 @@ pub enum Ring {
     Data = 1,
     /// Somebody asks for a service.
     Serve = 2,
-    /// What its callback waits for may be there.
+    /// What its callback, or one of its tasks, waits for may be there.
     Wait = 4,
+    /// A task has something to tell.
+    Task = 8,
 }
 
 /// Why a member was rung for since it was looked at last: several reasons at once.
@@ -203,6 +206,7 @@ pub struct Signal {
     near: AtomicU32,
     /// Why others did.
     far: AtomicU32,
+    tasks: Crowd,
 }
 
 impl Signal {
@@ -210,7 +214,7 @@ impl Signal {
     #[must_use]
     pub fn new(bell: Arc<Bell>) -> Arc<Self> {
         let [near, far] = [AtomicU32::new(0), AtomicU32::new(0)];
-        Arc::new(Self { bell, member: AtomicUsize::new(usize::MAX), near, far })
+        Arc::new(Self { bell, member: AtomicUsize::new(usize::MAX), near, far, tasks: Crowd::default() })
     }
 
     /// Sets the member's number.
@@ -231,9 +235,17 @@ impl Signal {
         Rings(near | far)
     }
 
+    /// The member's tasks.
+    pub const fn tasks(&self) -> &Crowd {
+        &self.tasks
+    }
+
     /// Has the member looked at.
     #[inline]
     pub fn ring(&self, why: Ring) {
+        if why == Ring::Wait {
+            self.tasks.wake_all();
+        }
         self.ring_again(why.into());
     }
 

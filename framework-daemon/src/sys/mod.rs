@@ -12,6 +12,9 @@ pub mod clock;
 /// What makes an executor look at its members.
 pub mod bell;
 
+/// Tasks, as far as others need to reach them.
+pub mod crowd;
+
 /// System calls that plugin code makes itself.
 pub mod fence;
 

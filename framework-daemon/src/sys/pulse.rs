@@ -53,6 +53,12 @@ impl Pulse {
         Some(self.deadline_ns.load(Ordering::Relaxed)).filter(|deadline| *deadline != AT_REST)
     }
 
+    /// What must have returned until then is late already; false: it is not that what runs.
+    pub fn cut_short(&self, deadline_ns: u64, now_ns: u64) -> bool {
+        deadline_ns != AT_REST
+            && self.deadline_ns.compare_exchange(deadline_ns, now_ns, Ordering::Relaxed, Ordering::Relaxed).is_ok()
+    }
+
     /// The kernel thread that runs the executor now.
     pub fn move_to(&self, thread: i32) {
         self.thread.store(thread, Ordering::Release);

@@ -31,6 +31,8 @@ pub enum Note {
     Injected = 8,
     /// It registered memory for its checkpoint.
     Region = 4,
+    /// It started a task.
+    Spawned = 16,
 }
 
 struct Seat {
@@ -39,6 +41,8 @@ struct Seat {
     entered: Cell<u64>,
     /// The bell of the executor whose thread this is.
     bell: Cell<*const ()>,
+    /// What is entered is a task of the owner: `entered` is its own number.
+    is_task: Cell<bool>,
     notes: Cell<u8>,
 }
 
@@ -49,6 +53,7 @@ thread_local! {
             owner: Cell::new(Owner::NONE),
             entered: Cell::new(0),
             bell: Cell::new(std::ptr::null()),
+            is_task: Cell::new(false),
             notes: Cell::new(0),
         }
     };
@@ -75,6 +80,35 @@ pub fn sit_at(bell: *const ()) {
 #[inline(never)]
 pub fn is_at(bell: *const ()) -> bool {
     SEAT.with(|seat| std::ptr::eq(seat.bell.get(), bell) && seat.entered.get() != 0)
+}
+
+/// A task of that owner is entered on this thread, which runs nothing but tasks; its number is no instance's.
+#[inline(never)]
+pub fn enter_task(owner: Owner, number: u64) {
+    SEAT.with(|seat| {
+        seat.owner.set(owner);
+        seat.entered.set(number);
+        seat.is_task.set(true);
+    });
+}
+
+/// A task that runs on this thread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tasked {
+    /// The instance whose it is.
+    pub instance: u64,
+    /// Its own number.
+    pub number: u64,
+}
+
+/// The task that runs on this thread, if it is one.
+#[must_use]
+#[inline(never)]
+pub fn task() -> Option<Tasked> {
+    SEAT.with(|seat| {
+        let tasked = Tasked { instance: seat.owner.get().instance, number: seat.entered.get() };
+        Some(tasked).filter(|tasked| seat.is_task.get() && tasked.number != 0)
+    })
 }
 
 /// Says whose code runs on this thread from now on, other than a callback: a thread's.
@@ -131,6 +165,13 @@ pub fn leave(note: Note) -> bool {
 #[inline(never)]
 pub fn has_notes() -> bool {
     SEAT.with(|seat| seat.notes.get() != 0)
+}
+
+/// True when that note was left.
+#[must_use]
+#[inline(never)]
+pub fn is_left(note: Note) -> bool {
+    SEAT.with(|seat| seat.notes.get() & note as u8 != 0)
 }
 
 /// Takes a note; false: it is not there.

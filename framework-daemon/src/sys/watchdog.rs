@@ -50,6 +50,11 @@ pub fn add(pulse: &Arc<Pulse>) {
     watchdog.waker.wake();
 }
 
+/// A deadline is nearer than it was: it is looked at again.
+pub fn look_again() {
+    WATCHDOG.get().into_iter().for_each(|watchdog| watchdog.waker.wake());
+}
+
 /// Callbacks of this pulse may be entered with as little time as that from now on.
 pub fn expect(pulse: &Pulse, limit_ns: u64) {
     if pulse.shorten(limit_ns)

@@ -2,16 +2,20 @@
 //! by a bare indirect call.
 
 use std::hint::black_box;
+use std::sync::Arc;
 use std::time::Instant;
 
 use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, FaultArgs, Hook};
 use framework_daemon::exec::callback::{self, Call, Fibers};
 use framework_daemon::exec::slot::{Slot, Status};
+use framework_daemon::exec::task::Tasks;
 use framework_daemon::exec::unit::{Limits, Recipe, Source, Unit};
 use framework_daemon::plugin::Plugin;
 use framework_daemon::port::border::HOST;
 use framework_daemon::port::event_ends::EventEnds;
+use framework_daemon::port::wait::Waiter;
+use framework_daemon::sys::bell::{Bell, Signal};
 use framework_daemon::sys::clock;
 use framework_daemon::sys::fiber::{Fiber, NEVER};
 
@@ -83,6 +87,7 @@ fn idle_unit(fibers: &mut Fibers) -> Box<Unit> {
         providers: Vec::new(),
         unlisted: Vec::new(),
         events: EventEnds::default(),
+        tasks: Arc::new(Tasks::new("bench", Signal::new(Bell::new()), Waiter::new())),
         status: Status::new(vec!["Diary"]),
     };
     let parts = recipe.gather(&slot).expect("it has no ports");

@@ -9,4 +9,5 @@ mod requestor;
 mod rig;
 mod send;
 mod service;
+mod threads;
 mod wiring;

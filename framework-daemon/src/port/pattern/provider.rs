@@ -78,9 +78,11 @@ impl Held {
         self.id.store(id, Ordering::Release);
     }
 
+    /// Out of the hand. The place is free last: another thread may be looking for one.
     fn take(&self) -> Option<Ticket> {
+        let ticket = self.ticket().take();
         self.id.store(0, Ordering::Release);
-        self.ticket().take()
+        ticket
     }
 }
 
@@ -185,6 +187,11 @@ impl Provider {
             self.clear_inbox();
         }
         Ok(())
+    }
+
+    /// Whatever of its slot waits looks at its conditions again.
+    pub fn wake(&self) {
+        self.signal.get().into_iter().for_each(|signal| signal.ring(Ring::Wait));
     }
 
     pub(super) fn ring(&self) {
@@ -335,9 +342,10 @@ impl Provider {
 
     fn finish(&self, held: &Held, code: u32) -> Result<(), Status> {
         let was_full = !self.has_room();
+        let is_lent = held.is_lent.load(Ordering::Relaxed);
         let ticket = held.take().ok_or(Status::WrongId)?;
         self.in_hand.fetch_sub(1, Ordering::Relaxed);
-        if held.is_lent.load(Ordering::Relaxed) {
+        if is_lent {
             ticket.call().answer.fill(0);
         }
         let is_left = ticket.is_left();

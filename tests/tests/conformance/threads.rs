@@ -1,0 +1,95 @@
+//! Threads: what a component runs beside its callbacks, and how it ends.
+
+use std::process::Command;
+
+use tests::daemon_binary::daemon_binary;
+use tests::profiles::{Profiles, application, connection_of, plugin_dir, slot};
+use tests::running::Running;
+
+use crate::rig::{Suite, Transport, conformance, declare_executors};
+
+const RULES: &str =
+    "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
+
+fn profiles(transport: Transport, run: &str) -> Profiles {
+    let cases = format!("<properties><property name=\"run\" type=\"string\">{run}</property></properties>");
+    let slots = [
+        slot("tasker", "Tasker", &format!("{cases}{}", transport.place("left"))),
+        slot("victim", "Victim", &format!("{}{RULES}", transport.place("right"))),
+    ];
+    let links = [
+        connection_of("service", "tasker.ask -> victim.asked", ""),
+        connection_of("service", "tasker.beside -> victim.asked", ""),
+        connection_of("service", "tasker.own -> tasker.worked", ""),
+        connection_of("service", "tasker.own_later -> tasker.kept", ""),
+        connection_of("service", "victim.back -> tasker.worked", ""),
+        connection_of("data", "tasker.sent -> tasker.heard", ""),
+    ];
+    let text =
+        application(&slots, &[]).replace("</port_connections>", &format!("{}</port_connections>", links.concat()));
+    let profiles = Profiles::new(&text);
+    profiles.describe(&plugin_dir().join("libtasks.so"));
+    declare_executors(&profiles);
+    let semantics = "<execution_semantics>";
+    profiles.replace("Victim.xml", semantics, &format!("{semantics}<deadline hang=\"100ms\">50ms</deadline>"));
+    profiles
+}
+
+static SUITE: Suite = Suite::new(|transport| profiles(transport, "all"));
+
+tasks::task_cases!(conformance SUITE;);
+
+#[test]
+fn sigterm_cancels_tasks_and_joins_them() {
+    for transport in [Transport::Near, Transport::Far] {
+        let profiles = profiles(transport, "stay");
+        let mut daemon = Running::start(profiles.path(), &[]);
+        ["task ran thrice", "task sleeps", "task works"].iter().for_each(|text| daemon.wait_for(text));
+        let slots = daemon.stop();
+        let log = daemon.log();
+        for text in ["task slept: false, cancelled: true", "task worked", "task left, cancelled: true"] {
+            assert!(log.contains(text), "`{text}` in {log}");
+        }
+        assert!(slots.iter().all(|slot| slot["faults"] == 0 && slot["quarantined"] == 0), "{slots:?}");
+    }
+}
+
+#[test]
+fn hanging_task_does_not_hold_up_the_end() {
+    for transport in [Transport::Near, Transport::Far] {
+        let profiles = profiles(transport, "hang");
+        let mut daemon = Running::start(profiles.path(), &[]);
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        let slots = daemon.stop();
+        let tasker = slots.iter().find(|slot| slot["slot"] == "tasker").expect("it is listed");
+        assert_eq!((&tasker["faults"], &tasker["quarantined"]), (&1.into(), &1.into()), "{slots:?}");
+        let fault = &daemon.entries("fault")[0];
+        assert_eq!((&fault["symptom"], &fault["slot"]), (&"hang".into(), &"tasker".into()), "{fault}");
+    }
+}
+
+/// What an operator sees of the tasker.
+fn info(daemon: &Running) -> String {
+    let mut command = Command::new(daemon_binary());
+    let output = command.args(["component", "info", "tasker", "--socket"]).arg(daemon.socket()).output();
+    String::from_utf8_lossy(&output.expect("the daemon's binary runs").stdout).into_owned()
+}
+
+#[test]
+fn a_reload_ends_the_tasks_of_what_is_built_anew_and_its_successor_starts_its_own() {
+    for transport in [Transport::Near, Transport::Far] {
+        let profiles = profiles(transport, "stay");
+        let mut daemon = Running::start(profiles.path(), &[]);
+        daemon.wait_for("task works");
+        profiles.replace("Tasker.xml", "<version>1.0</version>", "<version>1.1</version>");
+        daemon.signal("HUP");
+        daemon.wait_for_lines("task left, cancelled: true", 1);
+        daemon.wait_for_lines("task works", 2);
+        let shown = info(&daemon);
+        for text in ["ticks", "every 5ms", "sleeps", "once"] {
+            assert!(shown.contains(text), "`{text}` in {shown}");
+        }
+        let slots = daemon.stop();
+        assert!(slots.iter().all(|slot| slot["faults"] == 0), "{slots:?}");
+    }
+}

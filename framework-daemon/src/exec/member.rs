@@ -245,10 +245,13 @@ impl Member {
     /// A callback that begins now. To look at the clock takes as long as the way into a callback and back: where no limit is
     /// near, a tick of the kernel will do, but for a sample of them.
     pub(super) fn call(&mut self, hook: Hook, crew: &mut Crew) -> Call<'static> {
-        let is_tight = self.unit.as_ref().is_none_or(|unit| unit.limits.is_tight());
-        let exact = is_tight || self.strand.is_sample() || matches!(self.trigger, Trigger::Periodic(_));
+        let exact = self.is_tight() || self.strand.is_sample() || matches!(self.trigger, Trigger::Periodic(_));
         self.strand.exact = exact;
         Call { slack_ns: self.slack_ns(), ..Call::at(hook, crew.begins_ns(exact)) }
+    }
+
+    fn is_tight(&self) -> bool {
+        self.unit.as_ref().is_none_or(|unit| unit.limits.is_tight())
     }
 
     /// By how much a moment may lie in the past.
@@ -258,6 +261,8 @@ impl Member {
 
     /// Goes on with the callback that waits.
     pub fn go_on(&mut self, crew: &mut Crew) {
+        // Between its waits it may be a thousand times as often at work as it begins.
+        self.strand.exact &= self.is_tight();
         let now_ns = crew.begins_ns(self.strand.exact);
         let result = self.resume(now_ns + self.slack_ns(), true, crew);
         self.after(&result, now_ns, crew);

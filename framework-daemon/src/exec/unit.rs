@@ -85,7 +85,7 @@ impl Limits {
     /// True where time is measured exactly: a callback has a budget, or must return so soon that a tick of the kernel counts.
     #[must_use]
     pub const fn is_tight(&self) -> bool {
-        self.budget_ns.is_some() || self.hang_ns < 10 * clock::TICK_NS
+        self.budget_ns.is_some() || !clock::is_long(self.hang_ns)
     }
 
     /// Time in which that callback must return, in nanoseconds.

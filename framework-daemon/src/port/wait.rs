@@ -18,6 +18,11 @@ pub trait Place {
     /// Now, in nanoseconds.
     fn now_ns(&self) -> u64;
 
+    /// The moment so many nanoseconds from now, or a little later where that is little beside them.
+    fn in_ns(&self, time_ns: u64) -> u64 {
+        self.now_ns().saturating_add(time_ns)
+    }
+
     /// As [`park`].
     ///
     /// # Errors
@@ -28,6 +33,11 @@ pub trait Place {
 impl<F: Fn(u64) -> Result<(), NotHere>> Place for F {
     fn now_ns(&self) -> u64 {
         clock::now_ns()
+    }
+
+    /// To ask for the exact time takes as long as half a question and its answer.
+    fn in_ns(&self, time_ns: u64) -> u64 {
+        clock::in_ns(time_ns)
     }
 
     fn park(&self, until_ns: u64) -> Result<(), NotHere> {

@@ -13,6 +13,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 use crossbeam_queue::ArrayQueue;
 
 use super::crowd::Crowd;
+use super::lookout::Lookout;
 use super::seat;
 use super::wake::Waker;
 use crate::model::limits::SLOTS;
@@ -23,6 +24,7 @@ pub const MEMBERS_MAX: usize = 2 * SLOTS;
 /// What others may touch of an executor.
 pub struct Bell {
     waker: Waker,
+    lookout: Lookout,
     near: Near,
     far: ArrayQueue<usize>,
     /// The last member came from the others.
@@ -36,6 +38,7 @@ impl Bell {
     pub fn new() -> Arc<Self> {
         Arc::new(Self {
             waker: Waker::default(),
+            lookout: Lookout::default(),
             near: Near::new(),
             far: ArrayQueue::new(MEMBERS_MAX),
             was_far: AtomicBool::new(false),
@@ -67,7 +70,7 @@ impl Bell {
     /// Waits for a wake-up or the deadline; returns at once while somebody is to be looked at.
     pub fn wait_until(&self, deadline_ns: Option<u64>) {
         if self.near.is_empty() && self.far.is_empty() {
-            self.waker.wait_until(deadline_ns);
+            self.lookout.wait_until(&self.waker, deadline_ns);
         }
     }
 

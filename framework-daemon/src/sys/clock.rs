@@ -30,6 +30,20 @@ pub fn recent_ns() -> u64 {
     read(libc::CLOCK_MONOTONIC_COARSE).max(LAST.get())
 }
 
+/// The moment so many nanoseconds from now, on the same clock. Where a tick is little beside them, up to a tick later, and found
+/// as fast as [`recent_ns`].
+#[must_use]
+pub fn in_ns(time_ns: u64) -> u64 {
+    let now = if is_long(time_ns) { recent_ns() + TICK_NS } else { now_ns() };
+    now.saturating_add(time_ns)
+}
+
+/// True of times beside which a tick of the kernel is little.
+#[must_use]
+pub const fn is_long(time_ns: u64) -> bool {
+    time_ns >= 10 * TICK_NS
+}
+
 fn read(clock: libc::clockid_t) -> u64 {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
     // SAFETY: `time` is a valid place for the result; these clocks exist on every Linux.

@@ -45,6 +45,9 @@ pub mod leaf;
 /// Log records of components, written by an ordinary thread.
 pub mod log_ring;
 
+/// Waiting without sleep, where that was worth it lately.
+pub mod lookout;
+
 /// Pages that stay in memory.
 pub mod memory;
 

@@ -24,6 +24,12 @@ impl Waker {
         }
     }
 
+    /// True when the next wait returns at once.
+    #[must_use]
+    pub fn is_woken(&self) -> bool {
+        self.0.load(Ordering::Relaxed) == WOKEN
+    }
+
     /// Waits until `deadline_ns` on the monotonic clock (for ever without one) or until woken.
     pub fn wait_until(&self, deadline_ns: Option<u64>) {
         if self.0.compare_exchange(IDLE, WAITING, Ordering::AcqRel, Ordering::Acquire).is_ok() {

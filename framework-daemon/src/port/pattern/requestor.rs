@@ -263,7 +263,7 @@ impl Requestor {
         if !self.gate.lets_wait(closings) {
             return Err(Status::Cancelled);
         }
-        let until_ns = self.until_ns(wait, place.now_ns());
+        let until_ns = place.in_ns(self.time_ns(wait));
         if self.provider().is_some_and(|provider| !self.waiter.begin(&provider.waiter)) {
             return Err(Status::Cycle);
         }
@@ -298,10 +298,9 @@ impl Requestor {
         look
     }
 
-    fn until_ns(&self, wait: Wait, now_ns: u64) -> u64 {
-        let longest = nanoseconds(DURATION_MAX);
+    fn time_ns(&self, wait: Wait) -> u64 {
         let time_ns = if wait == Wait::DEFAULT { self.room.timeout_ns } else { wait.0 };
-        now_ns.saturating_add(time_ns.min(longest))
+        time_ns.min(nanoseconds(DURATION_MAX))
     }
 
     /// Gives an answer on loan back.

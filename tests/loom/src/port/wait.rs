@@ -11,6 +11,11 @@ pub trait Place {
     /// Now.
     fn now_ns(&self) -> u64;
 
+    /// The moment so many nanoseconds from now.
+    fn in_ns(&self, time_ns: u64) -> u64 {
+        self.now_ns().saturating_add(time_ns)
+    }
+
     /// Lets others run.
     ///
     /// # Errors

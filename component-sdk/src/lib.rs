@@ -77,8 +77,8 @@ pub mod prelude {
     pub use crate::object::{CommObject, Sequence, Text};
     pub use crate::objects::*;
     pub use crate::port::{
-        DataIn, DataOut, Loan, Message, Pending, Provided, Query, QueryClient, QueryId, QueryServer, Requestor,
-        Required, SendClient, SendServer, Sent,
+        DataIn, DataOut, Delivered, Loan, Message, Pending, Provided, PushClient, PushServer, PushTimedServer, Query,
+        QueryClient, QueryId, QueryServer, Requestor, Required, SendClient, SendServer, Sent,
     };
     pub use crate::port::{EventClient, EventId, EventIn, EventOut, EventServer, EventState};
     pub use crate::status::Status;

@@ -7,8 +7,8 @@ use crate::abi::class::{CreateArgs, PropertyDecl};
 use crate::component::ComponentError;
 use crate::object::CommObject;
 use crate::port::{
-    DataIn, DataOut, EventClient, EventIn, EventOut, EventServer, Provided, QueryClient, QueryServer, Required,
-    SendClient, SendServer, Service,
+    DataIn, DataOut, EventClient, EventIn, EventOut, EventServer, Provided, PushClient, PushServer, PushTimedServer,
+    QueryClient, QueryServer, Required, SendClient, SendServer, Service,
 };
 
 /// What a property's text must be.
@@ -111,6 +111,24 @@ impl<'a> Builder<'a> {
     #[must_use]
     pub fn data_out<T: CommObject>(&self, index: usize) -> DataOut<T> {
         DataOut::new(self.args.ports[index])
+    }
+
+    /// The push client at `index`.
+    #[must_use]
+    pub fn push_client<T: CommObject>(&self, index: usize) -> PushClient<T> {
+        PushClient::new(self.args.ports[index])
+    }
+
+    /// The push server at `index`.
+    #[must_use]
+    pub fn push_server<T: CommObject>(&self, index: usize) -> PushServer<T> {
+        PushServer::new(self.args.ports[index])
+    }
+
+    /// The timed push server at `index`.
+    #[must_use]
+    pub fn push_timed_server<T: CommObject>(&self, index: usize) -> PushTimedServer<T> {
+        PushTimedServer::new(self.args.ports[index])
     }
 
     /// The client port at `index`.

@@ -18,6 +18,7 @@ const UNSAFE: &[&str] = &[
     "component-sdk/src/abi/host.rs",
     "component-sdk/src/abi/inject.rs",
     "component-sdk/src/abi/payload.rs",
+    "component-sdk/src/abi/push.rs",
     "component-sdk/src/abi/task.rs",
     "component-sdk/src/object/flat.rs",
     "component-sdk/src/object/path.rs",

@@ -71,6 +71,7 @@ impl ClassAttr {
                 use ::component_sdk::abi::class::{
                     ClassDecl, CriticalDecl, Direction, Pattern, PortDecl, PropertyDecl, TriggerDecl,
                 };
+                use ::component_sdk::abi::push::{PushDecl, PushEnd};
                 use ::component_sdk::{abi_name, abi_slice};
 
                 const PARTS: &[&[PortDecl]] = &[#(#ports),*];
@@ -238,7 +239,7 @@ fn bounds(expr: &Expr) -> Result<(TokenStream, TokenStream)> {
 }
 
 /// `20ms`, `500us`, `1s`, or a bare number of milliseconds, as in profiles.
-fn nanoseconds(text: &LitStr) -> Result<u64> {
+pub(crate) fn nanoseconds(text: &LitStr) -> Result<u64> {
     let value = text.value();
     let value = value.trim();
     let digits = value.trim_end_matches(|c: char| c.is_ascii_alphabetic());

@@ -3,6 +3,7 @@
 mod comm_object;
 mod component;
 mod ports;
+mod pushes;
 mod service;
 
 use proc_macro::TokenStream;
@@ -16,6 +17,8 @@ pub fn comm_object(input: TokenStream) -> TokenStream {
 
 /// Makes a struct a component: `#[component(name = "...", version = "...", periodic = "20ms")]`, or `nonperiodic`, or
 /// `passive`; fields with `#[port]`, `#[port(fifo = 8)]`, `#[port(handler = on_query)]`, `#[port(on_activation = method)]`,
+/// `#[port(handler = on_value, prescale = 3)]`, `#[port(timed = "100ms", started, handler = on_tick)]`,
+/// `#[port(min_cycle = "10ms")]`,
 /// `#[property(default = ..., unit = "...", range = a..=b)]`,
 /// `#[critical]`; any other field starts as its `Default`.
 #[proc_macro_derive(Component, attributes(component, port, property, critical))]

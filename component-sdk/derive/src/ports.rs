@@ -6,16 +6,20 @@ use syn::spanned::Spanned;
 use syn::{Error, Field, Ident, LitInt, Result, Type};
 
 use crate::description;
+use crate::pushes::PushOptions;
 
-const KNOWN: &str = "a port is a DataIn<T>, a DataOut<T>, a QueryClient<R, A>, a QueryServer<R, A>, a SendClient<C>, a \
-                     SendServer<C>, an EventClient<P, E>, an EventServer<P, E, S>, an EventIn<E>, an EventOut<E>, a Required<dyn I> \
-                     or a Provided<dyn I>";
+const KNOWN: &str = "a port is a DataIn<T>, a DataOut<T>, a PushClient<T>, a PushServer<T>, a PushTimedServer<T>, a \
+                     QueryClient<R, A>, a QueryServer<R, A>, a SendClient<C>, a SendServer<C>, an EventClient<P, E>, an \
+                     EventServer<P, E, S>, an EventIn<E>, an EventOut<E>, a Required<dyn I> or a Provided<dyn I>";
 
 /// The kinds of ports, by the last part of their type's name.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
+pub(crate) enum Kind {
     DataIn,
     DataOut,
+    PushClient,
+    PushServer,
+    PushTimedServer,
     QueryClient,
     QueryServer,
     SendClient,
@@ -33,6 +37,9 @@ impl Kind {
         Some(match name.to_string().as_str() {
             "DataIn" => Self::DataIn,
             "DataOut" => Self::DataOut,
+            "PushClient" => Self::PushClient,
+            "PushServer" => Self::PushServer,
+            "PushTimedServer" => Self::PushTimedServer,
             "QueryClient" => Self::QueryClient,
             "QueryServer" => Self::QueryServer,
             "SendClient" => Self::SendClient,
@@ -52,6 +59,9 @@ impl Kind {
         match self {
             Self::DataIn
             | Self::DataOut
+            | Self::PushClient
+            | Self::PushServer
+            | Self::PushTimedServer
             | Self::SendClient
             | Self::SendServer
             | Self::EventIn
@@ -67,7 +77,12 @@ impl Kind {
     /// The option that names the method of the component for what comes in, where there may be one.
     const fn handler(self) -> Option<&'static str> {
         match self {
-            Self::QueryServer | Self::SendServer | Self::EventClient | Self::EventIn => Some("handler"),
+            Self::QueryServer
+            | Self::SendServer
+            | Self::EventClient
+            | Self::EventIn
+            | Self::PushClient
+            | Self::PushTimedServer => Some("handler"),
             Self::EventServer => Some("on_activation"),
             _ => None,
         }
@@ -79,7 +94,7 @@ impl Kind {
     }
 
     const fn has_queue(self) -> bool {
-        matches!(self, Self::DataIn | Self::EventIn)
+        matches!(self, Self::DataIn | Self::EventIn | Self::PushClient)
     }
 }
 
@@ -92,13 +107,19 @@ pub(crate) struct Port<'a> {
     fifo: usize,
     handler: Option<Ident>,
     unlisted: bool,
+    push: PushOptions,
 }
 
 impl<'a> Port<'a> {
     pub(crate) fn read(ident: &'a Ident, field: &'a Field) -> Result<Self> {
         let (kind, objects) = port_type(&field.ty)?;
-        let mut port = Self { ident, field, kind, objects, fifo: 0, handler: None, unlisted: false };
+        let push = PushOptions::default();
+        let mut port = Self { ident, field, kind, objects, fifo: 0, handler: None, unlisted: false, push };
         port.options()?;
+        port.push.check(kind, port.handler.is_some(), field)?;
+        if kind == Kind::PushClient && port.fifo > 0 && port.handler.is_none() {
+            return Err(Error::new_spanned(field, "a PushClient keeps one value; `fifo` belongs to its handler"));
+        }
         Ok(port)
     }
 
@@ -108,11 +129,17 @@ impl<'a> Port<'a> {
                 continue;
             }
             attr.parse_nested_meta(|meta| {
+                if self.push.take(self.kind, &meta)? {
+                    return Ok(());
+                }
                 let is = |name: &str| meta.path.is_ident(name);
                 if is("fifo") && self.kind.has_queue() {
                     self.fifo = meta.value()?.parse::<LitInt>()?.base10_parse()?;
                 } else if is("fifo") {
-                    return Err(meta.error("`fifo` belongs to a DataIn or EventIn: the others have no queue to read from"));
+                    return Err(meta.error(
+                        "`fifo` belongs to a DataIn, an EventIn or the handler of a PushClient: the others have no queue to read \
+                         from",
+                    ));
                 } else if self.kind.handler().is_some_and(is) {
                     self.handler = Some(meta.value()?.parse()?);
                 } else if is("unlisted") && self.kind.is_service() {
@@ -127,7 +154,9 @@ impl<'a> Port<'a> {
                 } else {
                     return Err(meta.error(
                         "known here: fifo = 8 (DataIn, EventIn), handler = on_query (a server, EventClient, EventIn), \
-                         on_activation = method (EventServer), unlisted",
+                         on_activation = method (EventServer); handler = on_value, prescale = 3, fifo = 8 (PushClient); \
+                         min_cycle = \"10ms\" (PushServer); timed = \"100ms\", started, handler = on_tick (PushTimedServer); \
+                         unlisted",
                     ));
                 }
                 Ok(())
@@ -141,6 +170,9 @@ impl<'a> Port<'a> {
         let name = match self.kind {
             Kind::DataIn => "data_in",
             Kind::DataOut => "data_out",
+            Kind::PushClient => "push_client",
+            Kind::PushServer => "push_server",
+            Kind::PushTimedServer => "push_timed_server",
             Kind::QueryClient => "query_client",
             Kind::QueryServer => "query_server",
             Kind::SendClient => "send_client",
@@ -182,8 +214,8 @@ impl<'a> Port<'a> {
         let name = self.ident.to_string();
         let description = description(&self.field.attrs);
         let (pattern, direction) = match self.kind {
-            Kind::DataIn => (quote!(Push), quote!(Input)),
-            Kind::DataOut => (quote!(Push), quote!(Output)),
+            Kind::DataIn | Kind::PushClient => (quote!(Push), quote!(Input)),
+            Kind::DataOut | Kind::PushServer | Kind::PushTimedServer => (quote!(Push), quote!(Output)),
             Kind::QueryClient => (quote!(Query), quote!(Output)),
             Kind::QueryServer => (quote!(Query), quote!(Input)),
             Kind::SendClient | Kind::Required => (quote!(Send), quote!(Output)),
@@ -208,6 +240,7 @@ impl<'a> Port<'a> {
             },
         );
         let (fifo, handler, listed) = (self.fifo, self.handler.is_some(), !self.unlisted);
+        let push = self.push.decl(self.kind, handler);
         quote! {
             PortDecl {
                 name: abi_name(#name),
@@ -220,6 +253,7 @@ impl<'a> Port<'a> {
                 handler: #handler,
                 fifo: #fifo,
                 listed: #listed,
+                push: #push,
                 description: abi_name(#description),
             }
         }
@@ -228,8 +262,8 @@ impl<'a> Port<'a> {
     /// What sets the component's gate at this port.
     pub(crate) fn gate(&self) -> Option<TokenStream> {
         let field = self.ident;
-        matches!(self.kind, Kind::QueryClient | Kind::EventClient | Kind::Required)
-            .then(|| quote!(self.#field.component_blocking(on);))
+        let has_gate = matches!(self.kind, Kind::QueryClient | Kind::PushClient | Kind::EventClient | Kind::Required);
+        has_gate.then(|| quote!(self.#field.component_blocking(on);))
     }
 
     /// What enters its handler.
@@ -249,20 +283,26 @@ impl<'a> Port<'a> {
             Kind::EventClient => (quote!(firing), quote!((id, event)), quote!(id, event)),
             Kind::EventServer => (quote!(activation), quote!(parameter), quote!(parameter)),
             Kind::EventIn => (quote!(event), quote!(event), quote!(event)),
+            Kind::PushClient => (quote!(value), quote!(value), quote!(value)),
             _ => (quote!(query), quote!(query), quote!(query)),
         };
         // At the attribute: where the method is missing or takes something else, the compiler says so there.
-        if self.kind == Kind::SendServer {
-            return Some(quote_spanned! {handler.span()=>
+        Some(match self.kind {
+            Kind::SendServer => quote_spanned! {handler.span()=>
                 if let ::core::option::Option::Some(message) = incoming.message(&self.#field) {
                     return self.#handler(cx, &message);
                 }
-            });
-        }
-        Some(quote_spanned! {handler.span()=>
-            if let ::core::option::Option::Some(#found) = incoming.#method(&self.#field) {
-                return self.#handler(cx, #given);
-            }
+            },
+            Kind::PushTimedServer => quote_spanned! {handler.span()=>
+                if incoming.tick(&self.#field).is_some() {
+                    return self.#handler(cx);
+                }
+            },
+            _ => quote_spanned! {handler.span()=>
+                if let ::core::option::Option::Some(#found) = incoming.#method(&self.#field) {
+                    return self.#handler(cx, #given);
+                }
+            },
         })
     }
 }

@@ -80,6 +80,10 @@ pub enum ServeKind {
     Activation,
     /// An event arrived at an event port.
     Event,
+    /// A value arrived at a push client.
+    Value,
+    /// The cycle of a timed server begins.
+    Tick,
 }
 
 /// What [`Hook::Serve`](super::class::Hook::Serve) is entered with.
@@ -92,11 +96,11 @@ pub struct ServeArgs {
     pub what: ServeKind,
     /// The server's number of the call, the client's number of the activation.
     pub id: u64,
-    /// The request, what was sent, the event, or the parameter of an activation.
+    /// The request, what was sent, the value, the event, or the parameter of an activation.
     pub value: *const u8,
 }
 
-// SAFETY: the request is `Send + Sync` (supertraits of `CommObject`), and only the handler's callback looks at it.
+// SAFETY: the object is `Send + Sync` (supertraits of `CommObject`), and only the handler's callback looks at it.
 unsafe impl Send for ServeArgs {}
 
 impl ServeArgs {
@@ -262,6 +266,10 @@ impl<'a> Incoming<'a> {
         let (id, value) = self.at(ServeKind::Message, port)?;
         let command = request_of(value)?;
         Some(Message::new(CallRef { port, id }, command))
+    }
+
+    pub(crate) const fn args(&self) -> &'a ServeArgs {
+        self.args
     }
 
     /// The query, if it came in at this port.

@@ -6,6 +6,7 @@ use abi_stable::std_types::{ROption, RSlice, RStr, RString};
 use super::calls::ServeArgs;
 use super::host::HostApi;
 use super::payload::PortHandle;
+use super::push::PushDecl;
 use crate::object::{CommObject, TypeDescriptor};
 use crate::property::PropertyKind;
 
@@ -119,10 +120,12 @@ pub struct PortDecl {
     pub answer: ROption<&'static TypeDescriptor>,
     /// The component has a handler for what comes in.
     pub handler: bool,
-    /// Size of the FIFO of an input; 0: keeps the newest only.
+    /// Size of the FIFO of an input, or of the queue of arrivals for its handler; 0: keeps the newest only.
     pub fifo: usize,
     /// Others find it by its name; if not, the component says when they do.
     pub listed: bool,
+    /// What only push ports have.
+    pub push: PushDecl,
     /// Documentation of the field.
     pub description: RStr<'static>,
 }
@@ -140,6 +143,7 @@ impl PortDecl {
         handler: false,
         listed: true,
         fifo: 0,
+        push: PushDecl::DATA,
         description: RStr::empty(),
     };
 

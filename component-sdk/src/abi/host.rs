@@ -12,6 +12,7 @@ use super::calls::CallApi;
 use super::events::EventApi;
 use super::links::LinkApi;
 use super::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
+use super::push::PushApi;
 use super::task::TaskApi;
 
 /// The functions of the daemon.
@@ -54,6 +55,8 @@ pub struct HostApi {
     pub links: LinkApi,
     /// Threads of a component.
     pub tasks: TaskApi,
+    /// Push ports.
+    pub pushes: PushApi,
 }
 
 static HOST: AtomicPtr<HostApi> = AtomicPtr::new(std::ptr::null_mut());
@@ -90,6 +93,7 @@ static DETACHED: HostApi = HostApi {
     events: EventApi::CLOSED,
     links: LinkApi::CLOSED,
     tasks: TaskApi::CLOSED,
+    pushes: PushApi::CLOSED,
 };
 
 mod detached {

@@ -33,6 +33,9 @@ pub mod header;
 /// What a plugin may call.
 pub mod host;
 
+/// Push ports crossing the border.
+pub mod push;
+
 /// Provokes faults for tests and drills, in the plugin's own text.
 pub mod inject;
 

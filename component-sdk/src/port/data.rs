@@ -24,6 +24,10 @@ pub enum Sent {
     Dropped = 2,
     /// The port is closed: the instance was replaced.
     Closed = 3,
+    /// The least time between two values, which the profile gives the port, was not over: nobody got it.
+    TooEarly = 4,
+    /// Of a [`PushTimedServer`](crate::port::PushTimedServer) only: it was not started.
+    NotActivated = 5,
 }
 
 impl Sent {
@@ -32,6 +36,8 @@ impl Sent {
             0 => Self::Ok,
             1 => Self::Unconnected,
             2 => Self::Dropped,
+            4 => Self::TooEarly,
+            5 => Self::NotActivated,
             _ => Self::Closed,
         }
     }

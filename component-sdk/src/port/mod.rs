@@ -5,6 +5,7 @@
 
 mod data;
 mod event;
+mod push;
 mod query;
 mod requestor;
 mod send;
@@ -12,6 +13,7 @@ mod service;
 
 pub use data::{DataIn, DataOut, Loan, Sent};
 pub use event::{EventClient, EventId, EventIn, EventOut, EventServer, EventState};
+pub use push::{Delivered, PushClient, PushLoan, PushServer, PushTimedServer, ServerInfo};
 pub use query::{Answer, Pending, Query, QueryClient, QueryId, QueryServer, Reply, Request};
 pub use requestor::Requestor;
 pub use send::{Message, Outgoing, SendClient, SendServer};

@@ -26,7 +26,7 @@
 //! A port belongs to its slot: connection and name outlive the instance, and a successor finds both as they were. Both begin
 //! with `start`: an instance that is not in use yet, in `initialize` or as a spare, is answered `Disconnected`.
 
-use super::{DataIn, EventClient, EventIn, QueryClient, SendClient};
+use super::{DataIn, EventClient, EventIn, PushClient, QueryClient, SendClient};
 use crate::abi::host;
 use crate::abi::links::{LinkApi, PortName, Reason};
 use crate::abi::payload::PortHandle;
@@ -94,6 +94,12 @@ fn answer(call: impl FnOnce(&LinkApi, &mut Reason) -> u32) -> Result<(), Refusal
 }
 
 impl<T: CommObject> Handled for DataIn<T> {
+    fn handle(&self) -> PortHandle {
+        self.handle
+    }
+}
+
+impl<T: CommObject> Handled for PushClient<T> {
     fn handle(&self) -> PortHandle {
         self.handle
     }

@@ -72,6 +72,7 @@ use abi_stable::std_types::{ROption, RStr};
 
 use crate::abi::calls::Incoming;
 use crate::abi::class::{Direction, Pattern, PortDecl};
+use crate::abi::push::PushDecl;
 use crate::context::Context;
 use crate::object::TypeDescriptor;
 use crate::property::Builder;
@@ -200,6 +201,7 @@ pub const fn method_ports<S: Service + ?Sized, const N: usize>(
             handler: matches!(direction, Direction::Input),
             listed: true,
             fifo: 0,
+            push: PushDecl::DATA,
             description: method.description,
         };
         index += 1;

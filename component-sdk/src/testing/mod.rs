@@ -23,6 +23,7 @@
 mod calls;
 mod events;
 mod links;
+mod pushes;
 mod sends;
 mod tasks;
 
@@ -61,6 +62,7 @@ struct BenchPort {
     calls: calls::Calls,
     events: events::Events,
     handler: bool,
+    push: pushes::Push,
 }
 
 thread_local! {
@@ -129,14 +131,16 @@ impl<C: Callbacks> Bench<C> {
         self.now_ns += u64::try_from(by.as_nanos()).unwrap_or(u64::MAX);
     }
 
-    /// Sends `object` to an input port.
+    /// Sends `object` to an input port; a push client that is not subscribed, or not to this one, does not get it.
     ///
     /// # Panics
     /// When the class has no such input, or it carries another type.
     pub fn put<T: CommObject>(&mut self, port: &str, object: T) {
         let now = self.now_ns;
         let mut port = self.port::<T>(port, Direction::Input).borrow_mut();
-        port.queue.push_back((Box::into_raw(Box::new(object)).cast(), now));
+        if port.push.wants(Direction::Input) {
+            port.queue.push_back((Box::into_raw(Box::new(object)).cast(), now));
+        }
     }
 
     /// What the component sent last over an output port since it was last asked.
@@ -260,6 +264,7 @@ impl BenchPort {
             calls: calls::Calls::new(decl),
             events: events::Events::default(),
             handler: decl.handler,
+            push: pushes::Push::new(decl.push),
         }
     }
 
@@ -289,6 +294,7 @@ static BENCH: HostApi = HostApi {
     events: events::API,
     links: links::API,
     tasks: tasks::API,
+    pushes: pushes::API,
 };
 
 extern "C" fn clock() -> u64 {
@@ -339,10 +345,7 @@ extern "C" fn loan(handle: PortHandle) -> LoanResult {
 }
 
 extern "C" fn publish(handle: PortHandle, value: *mut u8) -> u32 {
-    port(handle).map_or(crate::port::Sent::Closed, |port| {
-        port.borrow_mut().queue.push_back((value, clock()));
-        crate::port::Sent::Ok
-    }) as u32
+    port(handle).map_or(crate::port::Sent::Closed as u32, |port| pushes::publish(&mut port.borrow_mut(), value))
 }
 
 extern "C" fn give_back(_: PortHandle, _: *mut u8) {}

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use clap::Args;
 use component_sdk::abi::class::{Direction, Pattern, PortDecl, TriggerDecl};
+use component_sdk::abi::push::{PushDecl, PushEnd};
 use component_sdk::object::{Kind, TypeDescriptor};
 use quick_xml::escape::escape;
 use serde_json::{Value, json};
@@ -224,6 +225,11 @@ fn usage(port: &PortDecl) -> &'static str {
 fn data_port(port: &PortDecl) -> String {
     let usage = usage(port);
     let queue = match (port.direction, port.fifo) {
+        (Direction::Input, _) if port.push.end == PushEnd::Push => {
+            let timeout = quantity::format_duration(WAIT);
+            format!("\n      <queueing_policy>LAST</queueing_policy>\n      <timeout>{timeout}</timeout>")
+        }
+        (Direction::Output, _) if port.push != PushDecl::DATA => cycle(&port.push),
         (Direction::Output, _) => String::new(),
         (Direction::Input, 0) => "\n      <queueing_policy>LAST</queueing_policy>".into(),
         (Direction::Input, size) => {
@@ -237,6 +243,28 @@ fn data_port(port: &PortDecl) -> String {
         escape(port.description.as_str()),
         port.object.name
     )
+}
+
+/// What the class says of its cycle.
+fn cycle(push: &PushDecl) -> String {
+    let element = |name: &str, nanos: u64| match nanos {
+        0 => String::new(),
+        nanos => {
+            let time = quantity::format_duration(Duration::from_nanos(nanos));
+            format!("\n      <{name}>{time}</{name}>")
+        }
+    };
+    element("period", push.period_ns) + &element("min_cycle", push.min_cycle_ns)
+}
+
+fn push(push: &PushDecl) -> Value {
+    let end = match push.end {
+        PushEnd::Data => "data",
+        PushEnd::Push => "push",
+        PushEnd::Timed => "timed",
+    };
+    json!({"end": end, "period_ns": push.period_ns, "started": push.started, "min_cycle_ns": push.min_cycle_ns,
+        "handler_prescale": push.prescale})
 }
 
 /// The objects of the ports as an OPRoS `data_type`, each once.
@@ -286,6 +314,9 @@ fn object(class: &Class) -> Value {
             "layout": format!("{:016x}", port.object.layout_hash), "description": port.description.as_str()});
             if !port.service.is_empty() {
                 described["service"] = json!(port.service.as_str());
+            }
+            if port.push != PushDecl::DATA {
+                described["push"] = push(&port.push);
             }
             if let Some(answer) = port.answer.into_option() {
                 described["answer"] = json!(answer.name.as_str());

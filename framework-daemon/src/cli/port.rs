@@ -12,7 +12,7 @@ use crate::control::views::{cell, table};
 use crate::model::limits::{RATE_WINDOW_MAX, RATE_WINDOW_MIN};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon port list avoider\n  framework-daemon port info motors.command\n  \
-     framework-daemon port hz sonar.ranges\n\n\
+     framework-daemon port hz sonar.ranges\n  framework-daemon port echo motors.command\n\n\
      Exit codes: 0 answered, 5 no daemon can be reached, 6 refused: no such slot or port.";
 
 const LIST_EXAMPLES: &str = "Examples:\n  framework-daemon port list\n  framework-daemon port list avoider\n  \
@@ -24,6 +24,11 @@ const INFO_EXAMPLES: &str = "Examples:\n  framework-daemon port info motors.comm
 const HZ_EXAMPLES: &str = "Examples:\n  framework-daemon port hz sonar.ranges\n  \
      framework-daemon port hz sonar.ranges --window 0.2 --count 5 --format json\n\n\
      Values are counted where they arrive: an output is measured at one of its readers, which the answer names.";
+
+const ECHO_EXAMPLES: &str = "Examples:\n  framework-daemon port echo sonar.ranges\n  \
+     framework-daemon port echo motors.command --count 1 --format json | jq .echo.value\n\n\
+     A reader like the others: what comes faster than it is looked at is passed over, and its number told. Of an input the \
+     values are shown that its writers send.";
 
 const COLUMNS: [&str; 8] = ["port", "direction", "type", "policy", "received", "dropped", "waiting", "connections"];
 
@@ -75,6 +80,19 @@ pub enum Verb {
         #[command(flatten)]
         remote: Remote,
     },
+    /// Show the values that pass a port, until told to stop.
+    #[command(after_help = ECHO_EXAMPLES)]
+    Echo {
+        /// The port.
+        #[arg(value_name = "SLOT.PORT", value_parser = port_name)]
+        port: (String, String),
+        /// End after that many values.
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+        count: Option<u64>,
+        /// Which daemon, and how it is printed.
+        #[command(flatten)]
+        remote: Remote,
+    },
 }
 
 /// Asks.
@@ -95,6 +113,9 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
         Verb::Info { port, remote } => remote.ask("DescribePort", named(port, None), out, describe),
         Verb::Hz { port, window, count, remote } => {
             remote.follow("Hz", named(port, Some(*window)), *count, out, |answer| rate(&answer["rate"]))
+        }
+        Verb::Echo { port, count, remote } => {
+            remote.follow("Echo", named(port, None), *count, out, |answer| echo(&answer["echo"]))
         }
     }
 }
@@ -162,6 +183,44 @@ fn rate(rate: &Value) -> String {
     format!("{hz:.1} Hz ({values} values in {seconds:.3} s at {at})")
 }
 
+/// A value as one reads it: when, and each of its parts below its name.
+fn echo(echo: &Value) -> String {
+    let stamp = echo["stamp_ns"].as_u64().unwrap_or_default() as f64 / 1e9;
+    let missed = match echo["missed"].as_u64() {
+        None | Some(0) => String::new(),
+        Some(missed) => format!(", {missed} before it were passed over"),
+    };
+    let mut lines = vec![format!("{} at {stamp:.6} s{missed}", cell(&echo["from"]))];
+    match echo["unreadable"].as_str() {
+        Some(reason) => lines.push(format!("  unreadable: {reason}")),
+        None => value("", &echo["value"], "  ", &mut lines),
+    }
+    lines.join("\n")
+}
+
+fn value(name: &str, shown: &Value, indent: &str, lines: &mut Vec<String>) {
+    let head = if name.is_empty() { indent.to_owned() } else { format!("{indent}{name}: ") };
+    let deeper = if name.is_empty() { indent.to_owned() } else { format!("{indent}  ") };
+    match shown {
+        Value::Object(fields) => {
+            if !name.is_empty() {
+                lines.push(format!("{indent}{name}:"));
+            }
+            fields.iter().for_each(|(name, shown)| value(name, shown, &deeper, lines));
+        }
+        Value::Array(elements) if elements.iter().any(Value::is_object) => {
+            for (index, element) in elements.iter().enumerate() {
+                value(&format!("{name}[{index}]"), element, indent, lines);
+            }
+        }
+        Value::Array(elements) => {
+            let elements: Vec<String> = elements.iter().map(cell).collect();
+            lines.push(format!("{head}[{}]", elements.join(", ")));
+        }
+        leaf => lines.push(format!("{head}{}", cell(leaf))),
+    }
+}
+
 fn window(text: &str) -> Result<Duration, String> {
     let seconds = text.parse().ok().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
     let fits = seconds.filter(|window| (RATE_WINDOW_MIN..=RATE_WINDOW_MAX).contains(window));
@@ -172,6 +231,16 @@ fn window(text: &str) -> Result<Duration, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_value_is_shown_part_by_part() {
+        let told = serde_json::json!({"from": "a.out", "stamp_ns": 1_500_000_000u64, "missed": 2, "unreadable": null,
+            "value": {"pose": {"x": 1.5}, "names": ["b", "c"], "points": [{"y": 1}]}});
+        let lines = "a.out at 1.500000 s, 2 before it were passed over\n  names: [b, c]\n  points[0]:\n    y: 1\n  pose:\n    x: 1.5";
+        assert_eq!(echo(&told), lines);
+        let told = serde_json::json!({"from": "a.out", "stamp_ns": 0, "missed": 0, "value": 7});
+        assert_eq!(echo(&told), "a.out at 0.000000 s\n  7");
+    }
 
     #[test]
     fn a_window_is_seconds_within_bounds() {

@@ -61,7 +61,7 @@ impl Sight {
             }
             Method::Connect(one, other) => wired(one, wiring::connect(registry::shared(), one.into(), other.into()))?,
             Method::Disconnect(name) => wired(name, wiring::disconnect(registry::shared(), name.into()))?,
-            Method::Hz(..) | Method::Reload => return Ok(None),
+            Method::Hz(..) | Method::Echo(_) | Method::Reload => return Ok(None),
         };
         Ok(Some(answer))
     }

@@ -51,6 +51,8 @@ pub enum Method {
     DescribePort(PortName),
     /// The rate of a port.
     Hz(PortName, Duration),
+    /// The values that pass a port.
+    Echo(PortName),
     /// Faults that are kept: of one slot or of all, and how many.
     ListFaults(Option<String>, usize),
     /// Faults as they come: of one slot or of all, and how many of those before.
@@ -160,6 +162,7 @@ impl Method {
             (OWN, "ListPorts") => Self::ListPorts(fields.text_if_any("slot")?),
             (OWN, "DescribePort") => Self::DescribePort(fields.port()?),
             (OWN, "Hz") => Self::Hz(fields.port()?, fields.window()?),
+            (OWN, "Echo") => Self::Echo(fields.port()?),
             (OWN, "ListFaults") => Self::ListFaults(fields.text_if_any("slot")?, fields.last(FAULTS_DEFAULT)?),
             (OWN, "Follow") => Self::Follow(fields.text_if_any("slot")?, fields.last(0)?),
             (OWN, "Reload") => Self::Reload,
@@ -173,7 +176,7 @@ impl Method {
         };
         match fields.0.into_iter().next() {
             Some((stranger, _)) => Err(Refusal::InvalidParameter(stranger)),
-            None if matches!(method, Self::Follow(..)) && !call.more => Err(Refusal::ExpectedMore),
+            None if matches!(method, Self::Follow(..) | Self::Echo(_)) && !call.more => Err(Refusal::ExpectedMore),
             None => Ok(method),
         }
     }
@@ -307,7 +310,7 @@ mod tests {
         fn no_call_is_too_wild(
             name in prop_oneof![
                 "[A-Za-z.]{0,20}",
-                prop::sample::select(vec!["Status", "Hz", "Follow", "ListPorts", "DescribePort", "ListFaults", "Reload"])
+                prop::sample::select(vec!["Status", "Hz", "Echo", "Follow", "ListPorts", "DescribePort", "ListFaults", "Reload"])
                     .prop_map(|name| format!("{OWN}.{name}")),
             ],
             fields in prop::collection::btree_map(

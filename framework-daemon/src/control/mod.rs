@@ -24,8 +24,14 @@ mod answer;
 /// The command line's side.
 pub mod client;
 
+/// An object as JSON, by its description.
+mod decode;
+
 /// What runs, as the control socket sees it.
 pub mod directory;
+
+/// The values that pass a port.
+mod echo;
 
 /// What may be asked.
 pub mod interface;

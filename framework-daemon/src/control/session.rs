@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 
 use super::Reloaded;
 use super::answer::Sight;
+use super::echo::Echo;
 use super::interface::{Method, Refusal};
 use super::stream::{Follow, Hz};
 use super::wire::{self, Call, Inbox};
@@ -42,6 +43,7 @@ enum Doing {
     Nothing,
     Follow(Follow),
     Hz(Hz),
+    Echo(Echo),
     /// The main loop will answer.
     Reload,
 }
@@ -124,9 +126,24 @@ impl Session {
     /// Goes on with what it is at, by at most one call.
     pub(super) fn turn(&mut self, sight: &Sight, now: Instant) -> Wish {
         self.flush(now);
+        self.keep_up(sight, now);
         let wish = if self.is_flushed() { self.proceed(sight, now) } else { Wish::None };
         self.flush(now);
         wish
+    }
+
+    /// While its client does not read, an echo goes with its port all the same.
+    fn keep_up(&mut self, sight: &Sight, now: Instant) {
+        let flushed = self.is_flushed();
+        let Doing::Echo(echo) = &mut self.doing else { return };
+        if flushed || now < echo.due() {
+            return;
+        }
+        let slot = echo.slot().to_owned();
+        if let Err(refusal) = sight.directory(&slot).and_then(|directory| echo.follow(&directory, now)) {
+            self.doing = Doing::Nothing;
+            self.put(Err(refusal), false);
+        }
     }
 
     fn proceed(&mut self, sight: &Sight, now: Instant) -> Wish {
@@ -150,6 +167,17 @@ impl Session {
                 }
             }
             Doing::Hz(_) => {}
+            Doing::Echo(echo) if now >= echo.due() => {
+                let slot = echo.slot().to_owned();
+                match sight.directory(&slot).and_then(|directory| echo.look(&directory, now)) {
+                    Ok(values) => values.into_iter().for_each(|value| self.put(Ok(value), true)),
+                    Err(refusal) => {
+                        self.doing = Doing::Nothing;
+                        self.put(Err(refusal), false);
+                    }
+                }
+            }
+            Doing::Echo(_) => {}
         }
         Wish::None
     }
@@ -205,6 +233,13 @@ impl Session {
                 let directory = sight.directory(&name.slot);
                 match directory.and_then(|directory| Hz::new(&directory, name, window, now)) {
                     Ok(hz) => self.doing = Doing::Hz(hz),
+                    Err(refusal) => self.put(Err(refusal), false),
+                }
+            }
+            Method::Echo(name) => {
+                let directory = sight.directory(&name.slot);
+                match directory.and_then(|directory| Echo::new(directory, name, now)) {
+                    Ok(echo) => self.doing = Doing::Echo(echo),
                     Err(refusal) => self.put(Err(refusal), false),
                 }
             }
@@ -285,6 +320,8 @@ impl Session {
     pub(super) fn due(&self) -> Option<Instant> {
         match &self.doing {
             Doing::Hz(hz) if self.is_flushed() => Some(hz.due()),
+            // Also while its client does not read: what it holds belongs to what runs.
+            Doing::Echo(echo) => Some(echo.due()),
             _ => None,
         }
     }

@@ -185,12 +185,14 @@ struct Run {
     members: Vec<Option<Box<Member>>>,
     order: Vec<usize>,
     ran: Vec<usize>,
+    /// Those with timed servers.
+    timed: Vec<usize>,
 }
 
 impl Run {
     fn new(bell: Arc<Bell>, inbox: Receiver<Command>, faults: FaultSender) -> Self {
         let crew = Crew::new(faults);
-        Self { bell, inbox, crew, members: Vec::new(), order: Vec::new(), ran: Vec::new() }
+        Self { bell, inbox, crew, members: Vec::new(), order: Vec::new(), ran: Vec::new(), timed: Vec::new() }
     }
 
     fn until_quit(mut self) {
@@ -300,12 +302,15 @@ impl Run {
         self.order = (0..self.members.len()).filter(|number| self.members[*number].is_some()).collect();
         self.order.sort_by_key(|number| self.members[*number].as_ref().map(|member| member.rank));
         self.ran.reserve(self.members.len());
+        let is_timed = |number: &usize| self.members[*number].as_ref().is_some_and(|member| member.is_timed());
+        self.timed = self.order.iter().copied().filter(is_timed).collect();
     }
 
     fn cycle(&mut self) {
         let now = clock::now_ns();
         self.go_on_recovering(now);
         self.end_waits(now);
+        self.tick(now);
         for place in 0..self.order.len() {
             let number = self.order[place];
             if self.is_due(number, now) {
@@ -319,6 +324,16 @@ impl Run {
                 member.update(&mut self.crew);
             }
         }
+    }
+
+    /// Cycles of timed servers that are due.
+    fn tick(&self, now_ns: u64) {
+        self.active_timed().for_each(|member| member.tick(now_ns));
+    }
+
+    fn active_timed(&self) -> impl Iterator<Item = &Member> {
+        let members = self.timed.iter().filter_map(|number| self.members[*number].as_deref());
+        members.filter(|member| member.state() == State::Active)
     }
 
     /// Recoveries that failed and whose pause is over.
@@ -429,6 +444,7 @@ impl Run {
         let breaths = self.members.iter().flatten().filter_map(|member| member.breath.as_ref());
         let waits = self.members.iter().flatten().filter_map(|member| member.strand.until_ns());
         let breaths = breaths.map(|breath| breath.until_ns());
-        periodic.map(|member| member.next_due_ns).chain(breaths).chain(waits).min()
+        let ticks = self.active_timed().filter_map(Member::next_tick_ns);
+        periodic.map(|member| member.next_due_ns).chain(breaths).chain(waits).chain(ticks).min()
     }
 }

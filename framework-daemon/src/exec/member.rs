@@ -334,7 +334,7 @@ impl Member {
     pub(super) fn let_in(&mut self) {
         self.signal.ring_again(self.strand.release());
         let has_event = self.slot.events.settle();
-        if has_event || self.slot.providers.iter().any(|port| port.waits()) {
+        if has_event || self.has_to_serve() {
             self.signal.ring(Ring::Serve);
         }
     }

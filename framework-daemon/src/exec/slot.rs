@@ -31,6 +31,8 @@ pub struct Slot {
     pub events: EventEnds,
     /// Threads of its component.
     pub tasks: Arc<Tasks>,
+    /// Values that arrive, or cycles that begin, enter a handler of it.
+    pub handles_pushes: bool,
     /// Counters.
     pub status: Status,
 }

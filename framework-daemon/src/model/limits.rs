@@ -78,7 +78,9 @@ pub const PENDING_MAX: usize = 1_024;
 pub const INBOX_DEFAULT: usize = 64;
 /// Most of them.
 pub const INBOX_MAX: usize = 4_096;
-/// Longest time that a call is waited for, where neither its author nor its profile says.
+/// Values that may wait for the handler of a push client, where its author does not say.
+pub const HANDLER_QUEUE_DEFAULT: usize = 8;
+/// Longest time that a call, or the next value, is waited for, where neither its author nor its profile says.
 pub const WAIT: Duration = Duration::from_secs(1);
 /// Slots that may wait for each other, with those of a reload beside them.
 pub const WAITERS: usize = 2 * SLOTS + 1;
@@ -216,6 +218,16 @@ pub const CONTROL_PATIENCE: Duration = Duration::from_secs(5);
 pub const CONTROL_IDLE: Duration = Duration::from_secs(1);
 /// Longest time until the daemon answers what it knows by itself.
 pub const CONTROL_ANSWER: Duration = Duration::from_secs(15);
+/// Values that wait for somebody who looks at a port.
+pub const ECHO_QUEUE: usize = 8;
+/// Time between two looks at a port.
+pub const ECHO_PAUSE: Duration = Duration::from_millis(10);
+/// Most parts of a value that are shown.
+pub const ECHO_PARTS: usize = 4_096;
+/// Deepest part of a value that is shown.
+pub const ECHO_DEPTH: usize = 32;
+/// Most bytes of a text in a value that are shown.
+pub const ECHO_TEXT_BYTES: usize = 4_096;
 /// Shortest time over which the rate of a port is measured.
 pub const RATE_WINDOW_MIN: Duration = Duration::from_millis(10);
 /// Longest such time.

@@ -22,7 +22,7 @@ use super::pattern::event_server::EventServer;
 use super::pattern::provider::Provider;
 use super::pattern::requestor::Requestor;
 use super::table::{self, Claim, Kind, Place};
-use super::{border_calls, border_events, border_links};
+use super::{border_calls, border_events, border_links, border_pushes};
 use crate::model::limits::HEADROOM_BYTES;
 use crate::plugin::{host, task};
 use crate::sys::{arch, seat};
@@ -138,8 +138,14 @@ impl Binding {
     /// From now on calls reach the port.
     pub fn open(&self) {
         match &self.end {
-            Some(PortEnd::In(_)) => self.claim.set(Kind::In),
-            Some(PortEnd::Out(_) | PortEnd::EventOut(_)) => self.claim.set(Kind::Out),
+            Some(PortEnd::In(port)) => {
+                self.claim.set(Kind::In);
+                port.subscriber().into_iter().for_each(|subscriber| subscriber.bind(self.claim.handle()));
+            }
+            Some(PortEnd::Out(port) | PortEnd::EventOut(port)) => {
+                self.claim.set(Kind::Out);
+                port.outlet().bind(self.claim.handle());
+            }
             Some(PortEnd::Requestor(_)) => self.claim.set(Kind::Requestor),
             Some(PortEnd::Provider(port)) => {
                 self.claim.set(Kind::Provider);
@@ -203,6 +209,7 @@ pub static HOST: HostApi = HostApi {
     events: border_events::API,
     links: border_links::API,
     tasks: task::API,
+    pushes: border_pushes::API,
 };
 
 /// What a handle leads to.

@@ -6,16 +6,21 @@
 //! already sees what arrives from then on.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError, TryLockError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, TryLockError, Weak};
 
+use component_sdk::abi::calls::Wait;
 use component_sdk::abi::payload::{ReadMode, ReadResult};
 use component_sdk::object::TypeDescriptor;
+use component_sdk::status::Status;
 use crossbeam_queue::ArrayQueue;
 
 use super::block::{Block, Newest, Sample};
 use super::check::Checks;
 use super::exchange::{self, Busy};
 use super::output::{Borrower, OutPort};
+use super::pattern::outlet::Outlet;
+use super::pattern::subscriber::{Subscriber, Turn};
+use super::wait::Place;
 use crate::model::limits::FIFO_SIZE_MAX;
 use crate::profile::plan::{Overflow, Queue};
 
@@ -34,6 +39,18 @@ enum Arrived {
     Fifo(ArrayQueue<Sample>, Overflow),
 }
 
+/// Who reads.
+enum Reader {
+    /// Everything that is sent.
+    All,
+    /// Every n-th value.
+    Some(Turn),
+    /// A push client, while it is subscribed.
+    Subscriber(Box<Subscriber>),
+    /// Nobody who counts: somebody looks at what passes.
+    Tap,
+}
+
 /// An input port of a slot.
 pub struct InPort {
     /// Name.
@@ -43,6 +60,7 @@ pub struct InPort {
     /// Checks of the port itself.
     pub checks: Checks,
     arrived: Arrived,
+    reader: Reader,
     /// What a callback looks at.
     current: Newest,
     // What a thread of the component looks at. Taken for a few instructions; writers never touch it. Nothing is dropped under
@@ -70,6 +88,7 @@ impl InPort {
             object,
             checks,
             arrived,
+            reader: Reader::All,
             current: Newest::default(),
             aside: Mutex::new(None),
             sources: Mutex::default(),
@@ -77,6 +96,55 @@ impl InPort {
             taken: AtomicU64::new(0),
             passed_over: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
+        }
+    }
+
+    /// One that gets every n-th value only.
+    #[must_use]
+    pub fn thinned(self, every: u32) -> Self {
+        Self { reader: Reader::Some(Turn::new(every.max(1))), ..self }
+    }
+
+    /// One of a push client.
+    #[must_use]
+    pub fn subscribed_by(self, subscriber: Subscriber) -> Self {
+        Self { reader: Reader::Subscriber(Box::new(subscriber)), ..self }
+    }
+
+    /// One at which somebody looks at what passes. Its writers answer as if it were not there.
+    #[must_use]
+    pub fn tapping(self) -> Self {
+        Self { reader: Reader::Tap, ..self }
+    }
+
+    /// True for one at which somebody only looks.
+    #[must_use]
+    pub const fn is_tap(&self) -> bool {
+        matches!(self.reader, Reader::Tap)
+    }
+
+    /// True for one that gets everything, and counts.
+    #[must_use]
+    pub const fn is_plain(&self) -> bool {
+        matches!(self.reader, Reader::All)
+    }
+
+    /// Its push client, if it is one's.
+    #[must_use]
+    pub fn subscriber(&self) -> Option<&Subscriber> {
+        match &self.reader {
+            Reader::Subscriber(subscriber) => Some(subscriber),
+            Reader::All | Reader::Some(_) | Reader::Tap => None,
+        }
+    }
+
+    /// Which values it gets; `None`: all.
+    #[must_use]
+    pub fn turn(&self) -> Option<&Turn> {
+        match &self.reader {
+            Reader::All | Reader::Tap => None,
+            Reader::Some(turn) => Some(turn),
+            Reader::Subscriber(subscriber) => Some(subscriber.turn()),
         }
     }
 
@@ -110,7 +178,7 @@ impl InPort {
     #[must_use]
     pub fn capacity(&self) -> usize {
         match &self.arrived {
-            Arrived::Newest(_) => 2,
+            Arrived::Newest(_) => 2 + self.subscriber().map_or(0, Subscriber::capacity),
             Arrived::Fifo(queue, _) => queue.capacity() + 1,
         }
     }
@@ -164,6 +232,92 @@ impl InPort {
         pushed
     }
 
+    /// Takes a value in that is its turn, and tells its client.
+    pub(super) fn take_in(&self, sample: Sample) -> Pushed {
+        let Some(subscriber) = self.subscriber() else { return self.push(sample) };
+        if subscriber.note(&sample) {
+            self.lost(Pushed::OldestLost);
+        }
+        let pushed = self.push(sample);
+        subscriber.arrived();
+        pushed
+    }
+
+    /// That writer is connected.
+    pub(super) fn joined(&self, outlet: &Arc<Outlet>) {
+        if let Some(subscriber) = self.subscriber() {
+            subscriber.join(outlet);
+        }
+    }
+
+    /// That writer is not connected any more. A client without a server is not subscribed any more, unless there will be a
+    /// successor.
+    pub(super) fn parted(&self, outlet: &Arc<Outlet>) {
+        let Some(subscriber) = self.subscriber() else { return };
+        let is_alone = subscriber.part(outlet);
+        if outlet.is_replaced() {
+            self.forget();
+            subscriber.end_waits(Status::ProviderReplaced);
+        } else if is_alone {
+            self.end_subscription(Status::Disconnected);
+        }
+    }
+
+    /// Its server does not send any more, or for the time being: whoever waits is told so.
+    pub(super) fn end_waits(&self, status: Status) {
+        self.subscriber().into_iter().for_each(|subscriber| subscriber.end_waits(status));
+    }
+
+    /// Its client wants no values any more.
+    pub fn unsubscribe(&self) {
+        self.end_subscription(Status::Unsubscribed);
+    }
+
+    fn end_subscription(&self, status: Status) {
+        if let Some(subscriber) = self.subscriber() {
+            subscriber.unsubscribe(status);
+            self.forget();
+        }
+    }
+
+    /// What a push client has is dropped.
+    pub(super) fn forget(&self) {
+        let Some(subscriber) = self.subscriber() else { return };
+        subscriber.forget();
+        if let Arrived::Newest(newest) = &self.arrived
+            && newest.take().is_some()
+        {
+            self.passed_over.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// The newest value of a push client, or the next one.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub(super) fn update(&self, wait: Wait, borrower: Borrower, place: &impl Place) -> Result<ReadResult, Status> {
+        let subscriber = self.subscriber().ok_or(Status::NotAllowed)?;
+        match wait {
+            Wait::NONE => subscriber.standing()?,
+            wait => subscriber.wait(wait, place)?,
+        }
+        if subscriber.is_outdated() {
+            self.forget_shown(borrower);
+        }
+        let read = self.read(ReadMode::Newest, borrower);
+        // Whoever waited for a value that was dropped at once is told why there is none.
+        if read.value.is_null() { subscriber.standing().and(Err(Status::NoData)) } else { Ok(read) }
+    }
+
+    /// What its reader looks at is of an earlier subscription.
+    fn forget_shown(&self, borrower: Borrower) {
+        let before = match borrower {
+            Borrower::Callback => self.current.take(),
+            Borrower::Task | Borrower::Other => self.aside.lock().unwrap_or_else(PoisonError::into_inner).take(),
+        };
+        drop(before);
+    }
+
     fn lost(&self, how: Pushed) -> Pushed {
         self.dropped.fetch_add(1, Ordering::Relaxed);
         how
@@ -185,6 +339,12 @@ impl InPort {
             Borrower::Callback => self.look(next),
             Borrower::Task | Borrower::Other => self.look_aside(next),
         }
+    }
+
+    /// Shows the next value of a FIFO to somebody who is no component, and gives it back.
+    pub fn show_next<R>(&self, look: impl FnOnce(Shown) -> R) -> Option<R> {
+        let sample = self.next(ReadMode::Take)?;
+        Some(look(Shown { address: sample.value().addr(), stamp_ns: sample.stamp_ns() }))
     }
 
     #[inline]
@@ -229,6 +389,15 @@ impl InPort {
 #[inline]
 fn shown(block: &Block) -> ReadResult {
     ReadResult { value: block.value(), stamp_ns: block.stamp_ns() }
+}
+
+/// A value on show.
+#[derive(Clone, Copy, Debug)]
+pub struct Shown {
+    /// Where it lies.
+    pub address: usize,
+    /// When it was written, in nanoseconds.
+    pub stamp_ns: u64,
 }
 
 /// What became of a value at a reader.

@@ -45,6 +45,9 @@ pub mod table;
 /// Where plugins' wiring arrives.
 mod border_links;
 
+/// Where plugins' subscriptions and cycles arrive.
+mod border_pushes;
+
 /// Ports by name.
 pub mod registry;
 /// Who waits for whom.

@@ -8,13 +8,18 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use component_sdk::abi::payload::LoanResult;
 use component_sdk::object::TypeDescriptor;
 use component_sdk::port::Sent;
+use component_sdk::status::Status;
 use crossbeam_queue::ArrayQueue;
 
 use super::block::Sample;
 use super::check::{self, Candidate, Checks, Verdict};
 use super::exchange::{Busy, Exchange};
 use super::input::{InPort, Pushed};
+use super::pattern::outlet::{Cycle, Outlet};
+use super::pattern::provider::Openness;
+use super::pattern::subscriber::Turn;
 use super::pool::{Lost, Pool};
+use super::wait::Waiter;
 use crate::model::limits::{SPARE_BLOCKS, SPARE_LINKS};
 use crate::sys::clock;
 
@@ -28,9 +33,36 @@ pub struct Link {
 }
 
 impl Link {
-    fn is_judged(&self) -> bool {
-        !self.checks.is_empty() || !self.target.checks.is_empty()
+    fn way(&self) -> Way {
+        let is_judged = !self.checks.is_empty() || !self.target.checks.is_empty();
+        match is_judged {
+            true => Way::Judged,
+            false if self.target.is_plain() => Way::Plain,
+            false => Way::Thinned,
+        }
     }
+
+    /// Sends a value if it is the reader's turn. `None`: it wants none, or only looks at what passes.
+    fn sent(&self, send: impl FnOnce(&Self) -> Sent) -> Option<Sent> {
+        if self.target.is_tap() {
+            send(self);
+            return None;
+        }
+        let is_next = self.target.turn().map_or(Some(true), Turn::takes)?;
+        Some(if is_next { send(self) } else { Sent::Ok })
+    }
+}
+
+/// What happens to values on their way.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+enum Way {
+    /// All readers get all of them.
+    #[default]
+    Plain,
+    /// Not all are sent, or not all readers get all of them.
+    Thinned,
+    /// They are checked besides.
+    Judged,
 }
 
 /// Whose call borrows a block.
@@ -55,8 +87,17 @@ impl Borrower {
 #[derive(Default)]
 struct Table {
     links: Vec<Link>,
-    /// Something is checked on the way over them.
-    judged: bool,
+    /// What happens on the way over them.
+    way: Way,
+}
+
+/// What an output does with all that is written to it.
+fn own_way(checks: &Checks, outlet: &Outlet) -> Way {
+    match (checks.is_empty(), outlet.is_plain()) {
+        (false, _) => Way::Judged,
+        (true, false) => Way::Thinned,
+        (true, true) => Way::Plain,
+    }
 }
 
 /// Tables kept for the next edit, so that none allocates.
@@ -70,6 +111,7 @@ pub struct OutPort {
     pub object: &'static TypeDescriptor,
     /// Checks of the port itself.
     pub checks: Checks,
+    outlet: Arc<Outlet>,
     table: Exchange<Table>,
     blanks: ArrayQueue<Vec<Link>>,
     blocks: Pool,
@@ -81,11 +123,17 @@ impl OutPort {
     /// An unconnected port.
     #[must_use]
     pub fn new(name: &str, object: &'static TypeDescriptor, checks: Checks) -> Self {
+        Self::serving(name, object, checks, Outlet::new(Cycle::default(), Waiter::new()))
+    }
+
+    /// An unconnected port that sends when its outlet says so.
+    #[must_use]
+    pub fn serving(name: &str, object: &'static TypeDescriptor, checks: Checks, outlet: Outlet) -> Self {
         let blocks = Pool::new(object, Lost::Again);
         blocks.grow_to(SPARE_BLOCKS);
-        let table = Exchange::new(Table { judged: !checks.is_empty(), ..Table::default() });
-        let aside = Mutex::new(Pool::new(object, Lost::Never));
-        Self { name: name.to_owned(), object, checks, table, blanks: ArrayQueue::new(BLANKS), blocks, aside }
+        let table = Exchange::new(Table { way: own_way(&checks, &outlet), ..Table::default() });
+        let (aside, blanks) = (Mutex::new(Pool::new(object, Lost::Never)), ArrayQueue::new(BLANKS));
+        Self { name: name.to_owned(), object, checks, outlet: Arc::new(outlet), table, blanks, blocks, aside }
     }
 
     /// Changes the connections, all at once: a value on its way goes over all old ones or over all new ones, and over those
@@ -111,8 +159,8 @@ impl OutPort {
     /// A table of these links, and blocks for it.
     fn furnish(&self, links: Vec<Link>) -> Table {
         self.blocks.grow_to(links.iter().map(|link| link.target.capacity()).sum::<usize>() + SPARE_BLOCKS);
-        let judged = !self.checks.is_empty() || links.iter().any(Link::is_judged);
-        Table { links, judged }
+        let way = links.iter().map(Link::way).chain([own_way(&self.checks, &self.outlet)]).max().unwrap_or_default();
+        Table { links, way }
     }
 
     fn keep(&self, mut links: Vec<Link>) {
@@ -136,7 +184,7 @@ impl OutPort {
     pub fn forget_episodes(&self) {
         self.with_table(Borrower::Callback, |table| {
             self.checks.forget_episodes();
-            for link in table.links.iter().filter(|_| table.judged) {
+            for link in table.links.iter().filter(|_| table.way == Way::Judged) {
                 link.checks.forget_episodes();
                 link.target.checks.forget_episodes();
             }
@@ -162,6 +210,70 @@ impl OutPort {
         }
     }
 
+    /// When it sends, and its cycle.
+    #[must_use]
+    pub const fn outlet(&self) -> &Arc<Outlet> {
+        &self.outlet
+    }
+
+    /// Begins the cycle of a timed server, and counts anew for every client.
+    ///
+    /// # Errors
+    /// `NotAllowed`: it has none.
+    pub fn start(&self) -> Result<(), Status> {
+        if self.outlet.start()? {
+            self.with_table(Borrower::Other, |table| {
+                table.links.iter().filter_map(|link| link.target.turn()).for_each(Turn::reset);
+            });
+        }
+        Ok(())
+    }
+
+    /// Ends the cycle of a timed server: its clients are told, and what they have is dropped.
+    ///
+    /// # Errors
+    /// `NotAllowed`: it has none.
+    pub fn stop(&self) -> Result<(), Status> {
+        if self.outlet.stop()? {
+            self.tell(Status::NotActivated);
+        }
+        Ok(())
+    }
+
+    /// Clients that wait for its next value are told why that will not come; those of a cycle that does not run have none any
+    /// more.
+    pub fn tell(&self, status: Status) {
+        let is_running = self.outlet.is_running();
+        self.with_table(Borrower::Other, |table| {
+            for link in &table.links {
+                if !is_running {
+                    link.target.forget();
+                }
+                link.target.end_waits(status);
+            }
+        });
+    }
+
+    /// Whether its slot works from now on. Called by the thread that enters the slot's callbacks, between them.
+    pub fn set_open(&self, open: Openness) {
+        self.outlet.set_open(open);
+        match self.outlet.refusal() {
+            Some(status) => {
+                // One without a cycle has none to end.
+                let _ = self.outlet.stop();
+                self.tell(status);
+            }
+            None if open == Openness::Serving && self.outlet.cycle().started => _ = self.start(),
+            None => {}
+        }
+    }
+
+    /// Its slot is about to be removed or built anew. Any thread.
+    pub fn replace(&self) {
+        self.outlet.set_open(Openness::Replaced);
+        self.tell(Status::ProviderReplaced);
+    }
+
     /// Lends a block that no reader holds.
     #[inline]
     pub(super) fn loan(&self, borrower: Borrower) -> LoanResult {
@@ -185,9 +297,10 @@ impl OutPort {
     pub(super) fn publish(&self, value: *mut u8, borrower: Borrower) -> Sent {
         match borrower {
             Borrower::Callback => {
-                let send = |table: &Table| match table.judged {
-                    true => self.publish_judged(&table.links, value, borrower),
-                    false => self.publish_plainly(&table.links, value),
+                let send = |table: &Table| match table.way {
+                    Way::Plain => self.publish_plainly(&table.links, value),
+                    Way::Thinned => self.publish_thinned(&table.links, value),
+                    Way::Judged => self.publish_judged(&table.links, value, borrower),
                 };
                 self.with_table(borrower, send).unwrap_or(Sent::Closed)
             }
@@ -203,13 +316,23 @@ impl OutPort {
         send(links, sample)
     }
 
+    fn publish_thinned(&self, links: &[Link], value: *mut u8) -> Sent {
+        if let Some(withheld) = self.outlet.withholds() {
+            self.give_back(value, Borrower::Callback);
+            return withheld;
+        }
+        let Some(sample) = self.blocks.end_loan(value) else { return Sent::Closed };
+        sample.fill(clock::recent_ns());
+        let send = |link: &Link| push(&link.target, Arc::clone(sample));
+        links.iter().filter_map(|link| link.sent(send)).reduce(worse).unwrap_or(Sent::Unconnected)
+    }
+
     /// From a thread: with its own count of the connections, so that it may end anywhere.
     fn publish_aside(&self, value: *mut u8) -> Sent {
-        let Some((links, judged)) = self.with_table(Borrower::Other, |table| (table.links.clone(), table.judged))
-        else {
+        let Some((links, way)) = self.with_table(Borrower::Other, |table| (table.links.clone(), table.way)) else {
             return Sent::Dropped;
         };
-        if judged {
+        if way != Way::Plain {
             return self.publish_judged(&links, value, Borrower::Other);
         }
         let Some(sample) = self.aside().end_loan(value).cloned() else { return Sent::Closed };
@@ -220,6 +343,10 @@ impl OutPort {
     /// Sends the block on loan, judged while it still is: a trap in a check, over a pointer that the component wrote,
     /// leaves no more than a lost loan.
     fn publish_judged(&self, links: &[Link], value: *mut u8, borrower: Borrower) -> Sent {
+        if let Some(withheld) = self.outlet.withholds() {
+            self.give_back(value, borrower);
+            return withheld;
+        }
         let now_ns = clock::now_ns();
         let share = || match borrower {
             Borrower::Callback => self.blocks.lent(value).cloned(),
@@ -254,7 +381,7 @@ fn send(links: &[Link], sample: &Sample) -> Sent {
     if links.is_empty() {
         return Sent::Unconnected;
     }
-    links.iter().map(|link| push(&link.target, Arc::clone(sample))).fold(Sent::Ok, worse)
+    links.iter().map(|link| answer(&link.target, link.target.push(Arc::clone(sample)))).fold(Sent::Ok, worse)
 }
 
 /// Hands an earlier value to every reader.
@@ -264,7 +391,8 @@ fn deliver_held(links: &[Link], held: &Sample, now_ns: u64) -> Sent {
 
 /// Hands a value to every reader whose checks let it pass.
 fn deliver(links: &[Link], candidate: &Candidate<'_>, now_ns: u64) -> Sent {
-    links.iter().map(|link| deliver_one(link, candidate, now_ns)).fold(Sent::Ok, worse)
+    let deliver = |link: &Link| deliver_one(link, candidate, now_ns);
+    links.iter().filter_map(|link| link.sent(deliver)).reduce(worse).unwrap_or(Sent::Unconnected)
 }
 
 fn deliver_one(link: &Link, candidate: &Candidate<'_>, now_ns: u64) -> Sent {
@@ -288,7 +416,12 @@ fn take_in(target: &InPort, candidate: &Candidate<'_>, now_ns: u64) -> Sent {
 }
 
 fn push(target: &InPort, sample: Sample) -> Sent {
-    match target.push(sample) {
+    answer(target, target.take_in(sample))
+}
+
+#[inline]
+fn answer(target: &InPort, pushed: Pushed) -> Sent {
+    match pushed {
         Pushed::Kept | Pushed::OldestLost => Sent::Ok,
         Pushed::NewestLost => Sent::Dropped,
         Pushed::Overload => {

@@ -226,6 +226,8 @@ fn busy(name: Name<'_>) -> Refusal {
 pub(super) fn join(output: &Arc<OutPort>, from: Name<'_>, input: &Arc<InPort>, to: Name<'_>) -> Result<(), Refusal> {
     let mut sources = input.sources().map_err(|Busy| busy(to))?;
     cut(&mut sources, input).map_err(|Busy| busy(to))?;
+    // Also where its server is gone already, and was to have a successor.
+    input.unsubscribe();
     if let Some(difference) = output.object.difference(input.object) {
         return Err(Refusal::new(
             Status::IncompatibleService,
@@ -253,13 +255,17 @@ fn cut(sources: &mut Sources<'_>, input: &Arc<InPort>) -> Result<(), Busy> {
 }
 
 fn remove(output: &OutPort, input: &Arc<InPort>) -> Result<(), Busy> {
-    output.change(|links| links.retain(|link| !Arc::ptr_eq(&link.target, input)))
+    output.change(|links| links.retain(|link| !Arc::ptr_eq(&link.target, input)))?;
+    input.parted(output.outlet());
+    Ok(())
 }
 
 fn add(sources: &mut Sources<'_>, output: &Arc<OutPort>, link: Link) -> Result<(), Busy> {
     // Room first: what is connected is known to its reader.
     sources.reserve(1);
+    let target = Arc::clone(&link.target);
     output.change(|links| links.push(link))?;
+    target.joined(output.outlet());
     sources.push(Arc::downgrade(output));
     Ok(())
 }
@@ -313,6 +319,7 @@ pub fn set(input: &Arc<InPort>, planned: &[Planned]) -> Result<(), Busy> {
                 links.push(Link { target: Arc::clone(input), checks: Arc::clone(checks) });
             }
         })?;
+        input.joined(output.outlet());
         sources.push(Arc::downgrade(output));
     }
     Ok(())

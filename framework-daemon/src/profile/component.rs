@@ -13,9 +13,9 @@ use super::plan::{
     ComponentPlan, DataPortPlan, Deadline, EventPortPlan, Execution, OnGone, Overflow, Policy, Property, Queue,
     Schedule, ServicePortPlan, Trigger, Usage,
 };
-use super::quantity;
 use super::source::Span;
 use super::xml::Element;
+use super::{push, quantity};
 use crate::model::limits;
 
 /// A component class, as planned and as written.
@@ -306,6 +306,7 @@ fn data_port(port: &Element, report: &mut Reporter) -> Option<DataPortPlan> {
         queue,
         validity,
         max_age,
+        push: push::push(port, usage, report),
         location: report.location(port.name_span),
     })
 }

@@ -17,6 +17,9 @@ pub mod conform;
 /// `component_profile`.
 pub mod component;
 
+/// Data ports: which values a reader gets, how often a writer sends.
+mod push;
+
 /// `application_profile` and `package_profile`.
 pub mod application;
 

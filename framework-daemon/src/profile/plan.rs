@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use serde::{Serialize, Serializer};
 
+pub use super::push::PushPlan;
 pub use crate::model::schedule::{Policy, Schedule};
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
@@ -317,6 +318,8 @@ pub struct DataPortPlan {
     pub validity: Vec<Validity>,
     /// Silence longer than this is a fault (input ports).
     pub max_age: Option<Duration>,
+    /// What holds of values that are pushed, instead of what the class says.
+    pub push: PushPlan,
     /// Where it was declared.
     pub location: Location,
 }

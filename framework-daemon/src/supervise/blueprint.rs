@@ -8,13 +8,13 @@ use component_sdk::object::TypeDescriptor;
 
 use super::catalogue::Catalogue;
 use super::events;
-use super::wiring::{at, describe};
+use super::pushes;
+use super::wiring::at;
 use crate::exec::unit::{Limits, Recipe, Source};
 use crate::model::limits::{INBOX_DEFAULT, PENDING_DEFAULT, WAIT};
 use crate::model::names;
 use crate::model::time::nanoseconds;
 use crate::plugin::{Class, Plugin};
-use crate::port::check::Checks;
 use crate::port::event_ends::EventEnds;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
@@ -22,9 +22,7 @@ use crate::port::pattern::objects::Objects;
 use crate::port::pattern::provider::Provider;
 use crate::port::pattern::requestor::{Requestor, Room};
 use crate::port::wait::Waiter;
-use crate::profile::plan::{
-    ComponentPlan, DataPortPlan, OnGone, Overflow, Preload, Property, Queue, SecondaryPlan, ServicePortPlan, SlotPlan,
-};
+use crate::profile::plan::{ComponentPlan, OnGone, Preload, Property, SecondaryPlan, ServicePortPlan, SlotPlan};
 
 /// A slot with its classes, before anything of it exists.
 pub struct Blueprint<'a> {
@@ -82,8 +80,8 @@ impl<'a> Blueprint<'a> {
         let waiter = Arc::clone(&self.waiter);
         for decl in self.class.exported().decl.ports.iter() {
             match (decl.pattern, decl.direction) {
-                (Pattern::Push, Direction::Input) => self.inputs.push(input(decl, component)?),
-                (Pattern::Push, Direction::Output) => self.outputs.push(output(decl, component)?),
+                (Pattern::Push, Direction::Input) => self.inputs.push(pushes::input(decl, component, &waiter)?),
+                (Pattern::Push, Direction::Output) => self.outputs.push(pushes::output(decl, component, &waiter)?),
                 (Pattern::Query | Pattern::Send, Direction::Input) => {
                     self.providers.push(provider(decl, component, &waiter)?);
                 }
@@ -123,31 +121,6 @@ impl<'a> Blueprint<'a> {
     pub fn input_object(&self, port: &str) -> Option<&'static TypeDescriptor> {
         self.inputs.iter().find(|candidate| candidate.name == port).map(|port| port.object)
     }
-}
-
-fn declared<'p>(decl: &PortDecl, component: &'p ComponentPlan) -> Option<&'p DataPortPlan> {
-    component.data_ports.iter().find(|port| port.name == decl.name.as_str())
-}
-
-fn checks(decl: &PortDecl, declared: Option<&DataPortPlan>) -> Result<Checks, String> {
-    declared.map_or(Ok(Checks::default()), |port| {
-        Checks::compile(&port.validity, decl.object).map_err(|error| at(&port.location, &describe(&error)))
-    })
-}
-
-/// The profile's queue holds; where it says nothing of the port, the author's.
-fn input(decl: &PortDecl, component: &ComponentPlan) -> Result<InPort, String> {
-    let declared = declared(decl, component);
-    let queue = match (declared, decl.fifo) {
-        (Some(port), _) => port.queue,
-        (None, 0) => Queue::Last,
-        (None, size) => Queue::Fifo { size, overflow: Overflow::DropOldest },
-    };
-    Ok(InPort::new(decl.name.as_str(), decl.object, queue, checks(decl, declared)?))
-}
-
-fn output(decl: &PortDecl, component: &ComponentPlan) -> Result<OutPort, String> {
-    Ok(OutPort::new(decl.name.as_str(), decl.object, checks(decl, declared(decl, component))?))
 }
 
 fn service<'p>(decl: &PortDecl, component: &'p ComponentPlan) -> Option<&'p ServicePortPlan> {

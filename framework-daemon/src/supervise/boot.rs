@@ -26,6 +26,8 @@ use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP};
 use crate::model::names;
 use crate::model::schedule::Schedule;
 use crate::plugin::Class;
+use crate::port::input::InPort;
+use crate::port::pattern::subscriber::Subscriber;
 use crate::port::registry;
 use crate::profile::plan::{ConnectionPlan, Plan, SlotPlan, Trigger};
 use crate::sys::bell::{Bell, Signal};
@@ -134,6 +136,8 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
 pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -> Member {
     let Blueprint { plan, class, standbys, inputs, outputs, requestors, providers, events, waiter } = blueprint;
     let unlisted = class.unlisted();
+    let handles_pushes = inputs.iter().filter_map(InPort::subscriber).any(Subscriber::has_handler)
+        || outputs.iter().any(|port| port.outlet().cycle().period_ns.is_some());
     let standby = |preload| Standby { preload, unit: None };
     let (secondaries, standbys): (Vec<_>, Vec<_>) =
         standbys.into_iter().map(|(recipe, preload)| (recipe, standby(preload))).unzip();
@@ -149,13 +153,18 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         unlisted,
         events,
         tasks: Arc::new(Tasks::new(name, Arc::clone(&signal), waiter)),
+        handles_pushes,
         status: Status::new(recipes.iter().map(|recipe| recipe.class_name).collect()),
     });
     let execution = &plan.component.execution;
     if execution.trigger == Trigger::Nonperiodic {
-        slot.inputs.iter().for_each(|port| port.listen(Box::new(Doorbell(Arc::clone(&signal)))));
+        // What enters a handler is no reason to execute.
+        let wake = slot.inputs.iter().filter(|port| port.subscriber().is_none_or(|port| !port.has_handler()));
+        wake.for_each(|port| port.listen(Box::new(Doorbell(Arc::clone(&signal)))));
     }
     slot.requestors.iter().for_each(|port| port.listen(Arc::clone(&signal)));
+    slot.inputs.iter().filter_map(|port| port.subscriber()).for_each(|port| port.listen(Arc::clone(&signal)));
+    slot.outputs.iter().for_each(|port| port.outlet().listen(Arc::clone(&signal)));
     slot.providers.iter().for_each(|port| port.listen(Arc::clone(&signal)));
     slot.events.listen(&signal);
     let shelf = workshop.shelf(&slot, recipes, plan.rules.ready_spares(), plan.rules.severity.clone());

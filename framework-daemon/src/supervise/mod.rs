@@ -9,6 +9,9 @@ pub mod boot;
 /// Classes by name: libraries found, loaded once, checked against the profile.
 pub mod catalogue;
 
+/// Data ports, as class and profile describe them together.
+mod pushes;
+
 /// New plan, difference, prepare, commit; or nothing at all.
 pub mod reload;
 

@@ -112,4 +112,5 @@ pub fn disconnect(slots: &[Placed]) {
 /// Nobody is to wait any more for what slots that leave would answer.
 pub fn replace_providers(slots: &[Placed]) {
     slots.iter().flat_map(|placed| &placed.slot.providers).for_each(|port| port.replace());
+    slots.iter().flat_map(|placed| &placed.slot.outputs).for_each(|port| port.replace());
 }

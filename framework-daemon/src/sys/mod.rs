@@ -48,6 +48,9 @@ pub mod log_ring;
 /// Waiting without sleep, where that was worth it lately.
 pub mod lookout;
 
+/// Memory that may not be there.
+pub mod peek;
+
 /// Pages that stay in memory.
 pub mod memory;
 

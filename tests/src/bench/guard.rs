@@ -88,6 +88,7 @@ fn idle_unit(fibers: &mut Fibers) -> Box<Unit> {
         unlisted: Vec::new(),
         events: EventEnds::default(),
         tasks: Arc::new(Tasks::new("bench", Signal::new(Bell::new()), Waiter::new())),
+        handles_pushes: false,
         status: Status::new(vec!["Diary"]),
     };
     let parts = recipe.gather(&slot).expect("it has no ports");

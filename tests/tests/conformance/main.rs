@@ -4,6 +4,7 @@
 mod allocation;
 mod check;
 mod links;
+mod push;
 mod query;
 mod requestor;
 mod rig;

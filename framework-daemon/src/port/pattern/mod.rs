@@ -28,11 +28,18 @@ mod pull;
 /// The server's end of events.
 pub mod event_server;
 
+/// The server's end of a push.
+pub mod outlet;
+
 /// The server's end.
 pub mod provider;
 
 /// The client's end.
 pub mod requestor;
 
+/// The client's end of a push.
+pub mod subscriber;
+
 mod messages;
+mod push_waits;
 mod waits;

@@ -186,6 +186,34 @@ static DATA_PORT: ElementRule = ElementRule::parent(
             &ElementRule::text("queue_size", Kind::Integer(0, i32::MAX as i64), "Most values that a FIFO holds."),
         ),
         (Optional, &OVERFLOW),
+        (
+            Optional,
+            &ElementRule::text(
+                "prescale",
+                Kind::Integer(1, i32::MAX as i64),
+                "An input gets every n-th value; a push client whatever it asks for when it subscribes.",
+            ),
+        ),
+        (
+            Optional,
+            &ElementRule::text(
+                "timeout",
+                Kind::Duration,
+                "Longest wait of a push client for the next value, 1s without it.",
+            ),
+        ),
+        (
+            Optional,
+            &ElementRule::text("period", Kind::Duration, "Cycle of a timed push server, instead of the plugin's."),
+        ),
+        (
+            Optional,
+            &ElementRule::text(
+                "min_cycle",
+                Kind::Duration,
+                "Least time between two values of an output; earlier ones are not sent.",
+            ),
+        ),
         (Many, &VALIDITY),
         (Optional, &MAX_AGE),
     ],

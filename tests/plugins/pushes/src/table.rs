@@ -1,0 +1,9 @@
+//! All cases by name.
+
+use cases::table;
+
+use crate::Hearer;
+use crate::newest::*;
+use crate::timed::*;
+
+crate::push_cases!(table Hearer;);

@@ -55,14 +55,18 @@ pub fn same(payload: Payload, sched: &str, run: Duration) -> (Samples, Samples) 
     in_turns(run, || ring(sched, &slots), copies)
 }
 
-/// Nanoseconds of each hop between two executors, and of a bare futex wake between two threads.
+/// Nanoseconds of each hop between two executors, each so long after the last one, and of a bare futex wake between two
+/// threads.
 #[must_use]
-pub fn cross(payload: Payload, sched: &str, run: Duration) -> (Samples, Samples) {
+pub fn cross(payload: Payload, pause: Duration, sched: &str, run: Duration) -> (Samples, Samples) {
+    let micros = pause.as_micros().to_string();
+    let pauses = ("pause_us", "int", micros.as_str());
     let slots = [
-        on("one", "ping", payload.class(), &[("leads", "bool", "true"), FILE]),
-        on("other", "pong", payload.class(), &[]),
+        on("one", "ping", payload.class(), &[("leads", "bool", "true"), pauses, FILE]),
+        on("other", "pong", payload.class(), &[pauses]),
     ];
-    let wakes = || limits::wake(5_000);
+    let rounds = if pause.is_zero() { 5_000 } else { 1_000 };
+    let wakes = || limits::wake(rounds, pause);
     in_turns(run, || ring(sched, &slots), wakes)
 }
 
@@ -77,7 +81,7 @@ pub fn query_same(sched: &str, run: Duration) -> (Samples, Samples) {
 /// other, between two threads.
 #[must_use]
 pub fn query_cross(sched: &str, run: Duration) -> (Samples, Samples) {
-    let two_wakes = || limits::wake(10_000).chunks_exact(2).map(|pair| pair.iter().sum()).collect();
+    let two_wakes = || limits::wake(10_000, Duration::ZERO).chunks_exact(2).map(|pair| pair.iter().sum()).collect();
     in_turns(run, || asking(sched, "other", "true"), two_wakes)
 }
 

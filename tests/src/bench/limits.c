@@ -158,27 +158,38 @@ static uint64_t take(uint32_t mine)
     return now() - hit_ns;
 }
 
+static struct timespec rest;
+
+static void sleep_a_while(void)
+{
+    if (rest.tv_nsec > 0)
+        nanosleep(&rest, NULL);
+}
+
 static void *other_side(void *rounds)
 {
     stay_on(1);
     for (uint64_t round = 0; round < (uint64_t)rounds; round++) {
         take(1);
+        sleep_a_while();
         hit(2);
     }
     return NULL;
 }
 
-/* Fills `figures` with the nanoseconds of that many wake-ups; the calling thread stays on its processor meanwhile. */
-int limit_wake(uint64_t *figures, uint64_t rounds)
+/* Fills `figures` with the nanoseconds of that many wake-ups, each after a pause of less than a second; the calling thread stays on its processor meanwhile. */
+int limit_wake(uint64_t *figures, uint64_t rounds, uint64_t pause_ns)
 {
     pthread_t other;
     cpu_set_t before;
     sched_getaffinity(0, sizeof before, &before);
     atomic_store(&ball, 0);
+    rest.tv_nsec = (long)pause_ns;
     if (pthread_create(&other, NULL, other_side, (void *)rounds) != 0)
         return 0;
     stay_on(0);
     for (uint64_t round = 0; round < rounds; round++) {
+        sleep_a_while();
         hit(1);
         figures[round] = take(2);
     }

@@ -14,7 +14,7 @@ mod c {
         pub(super) fn limit_watch_end();
         pub(super) fn limit_hang(budget: u64, call: extern "C" fn()) -> u64;
         pub(super) fn limit_copy(call: extern "C" fn(), to: *mut u64, from: *const u64, times: u64);
-        pub(super) fn limit_wake(figures: *mut u64, rounds: u64) -> i32;
+        pub(super) fn limit_wake(figures: *mut u64, rounds: u64, pause_ns: u64) -> i32;
     }
 }
 
@@ -87,15 +87,16 @@ pub fn copy(times: u64) {
     black_box(to);
 }
 
-/// From a futex wake on one processor to the first instruction on another, that many times.
+/// From a futex wake on one processor to the first instruction on another, that many times, each after a pause of less than a
+/// second.
 ///
 /// # Panics
 /// When the system has no thread left.
 #[must_use]
-pub fn wake(rounds: usize) -> Vec<u64> {
+pub fn wake(rounds: usize, pause: Duration) -> Vec<u64> {
     let mut figures = vec![0; rounds];
     // SAFETY: there is room for that many.
-    let done = unsafe { c::limit_wake(figures.as_mut_ptr(), rounds as u64) };
+    let done = unsafe { c::limit_wake(figures.as_mut_ptr(), rounds as u64, pause.as_nanos() as u64) };
     assert!(done != 0, "there is a second thread");
     figures
 }

@@ -59,6 +59,8 @@ const RUN: Duration = Duration::from_secs(2);
 const PAYLOADS: [Payload; 2] = [Payload::Spare, Payload::Fresh];
 /// Threads that keep all cores busy.
 const LOADS: [(&str, usize); 2] = [("idle", 0), ("cpu100", 4)];
+/// Between two hops that each wake their reader.
+const PAUSE: Duration = Duration::from_micros(200);
 const SCHEDS: [&str; 2] = ["other", "fifo"];
 
 fn main() -> io::Result<()> {
@@ -125,8 +127,12 @@ impl Run {
             self.hop("hop_same_executor", payload.name(), load, sched, || hop::same(payload, sched, RUN))?;
         }
         for payload in [hop::Payload::Small, hop::Payload::Large] {
-            self.hop("hop_cross_executor", payload.name(), load, sched, || hop::cross(payload, sched, RUN))?;
+            let cross = || hop::cross(payload, Duration::ZERO, sched, RUN);
+            self.hop("hop_cross_executor", payload.name(), load, sched, cross)?;
         }
+        // Long after the last one, so that whoever is to hear it sleeps.
+        let rare = || hop::cross(hop::Payload::Small, PAUSE, sched, 5 * RUN);
+        self.hop("hop_cross_executor", "64 B, rare", load, sched, rare)?;
         self.hop("query_same_executor", "64 B", load, sched, || hop::query_same(sched, RUN))?;
         self.hop("query_cross_executor", "64 B", load, sched, || hop::query_cross(sched, RUN))?;
         for (payload, executor) in [("its executor", "one"), ("another one", "other")] {

@@ -4,6 +4,7 @@
 //! nothing beside what every component has.
 
 use std::fmt::Write;
+use std::time::Duration;
 
 use component_sdk::prelude::*;
 
@@ -81,6 +82,9 @@ macro_rules! hop {
             /// Values between two readings of the clock; 0: every value tells when it was sent.
             #[property(default = 0, range = 0..=1000000)]
             batch: u64,
+            /// Microseconds of sleep before a value is passed on, so that whoever waits for it sleeps, too.
+            #[property(default = 0, range = 0..=1000000)]
+            pause_us: u64,
             /// Where the figures go; empty: none are kept.
             #[property(default = "")]
             file: String,
@@ -124,6 +128,9 @@ macro_rules! hop {
                 if self.batch == 0 {
                     if self.rounds > WARM_ROUNDS {
                         self.figures.add(heard_ns.saturating_sub(sent_ns));
+                    }
+                    if self.pause_us > 0 && !cx.sleep(Duration::from_micros(self.pause_us)) {
+                        return Ok(());
                     }
                     self.send(number + 1, cx.clock().as_nanos());
                 } else {

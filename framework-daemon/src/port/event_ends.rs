@@ -44,11 +44,17 @@ impl EventEnds {
         self.inputs.iter().for_each(|port| port.listen(Arc::clone(signal)));
     }
 
-    /// The event callback that is due, or else what `other` has; each goes first in turn.
+    /// The event callback that is due, or else what `other` has; each goes first in turn. Of activations a component is told
+    /// before anything else: what comes after them may put.
     pub fn next_or(&self, other: impl Fn() -> Option<ServeArgs>) -> Option<Due> {
         let other = || other().map(served);
         if self.is_empty() {
             return other();
+        }
+        // What a callback had that did not come to its end.
+        self.served();
+        if let Some(told) = self.servers.iter().find_map(|port| port.next_told()) {
+            return Some(served(told));
         }
         let was_first = self.turn.fetch_xor(true, Ordering::Relaxed);
         if was_first { other().or_else(|| self.next()) } else { self.next().or_else(other) }
@@ -59,11 +65,8 @@ impl EventEnds {
     }
 
     fn next(&self) -> Option<Due> {
-        // What a callback had that did not come to its end.
-        self.served();
-        let told = self.servers.iter().find_map(|port| port.next_told()).map(served);
-        let fired = || self.clients.iter().find_map(|port| port.next()).map(served);
-        told.or_else(fired).or_else(|| self.inputs.iter().find_map(|port| port.next()))
+        let fired = self.clients.iter().find_map(|port| port.next()).map(served);
+        fired.or_else(|| self.inputs.iter().find_map(|port| port.next()))
     }
 
     /// A callback is done; true when another one is due.

@@ -1,7 +1,7 @@
 //! Event inputs of OPRoS: every event of every output that is connected, in order. An input port whose queue is emptied by
 //! callbacks that are entered for it.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use component_sdk::abi::calls::{ServeArgs, ServeKind};
@@ -24,14 +24,20 @@ pub struct EventIn {
     serving: Mutex<Option<Sample>>,
     /// Events that were there when `on_event` was entered last.
     offered: AtomicUsize,
+    /// One arrived since.
+    news: Arc<AtomicBool>,
 }
 
 /// Has an event looked at.
-struct Chime(Arc<Signal>);
+struct Chime {
+    signal: Arc<Signal>,
+    news: Arc<AtomicBool>,
+}
 
 impl Listener for Chime {
     fn data_arrived(&self) {
-        self.0.ring(Ring::Serve);
+        self.news.store(true, Ordering::Release);
+        self.signal.ring(Ring::Serve);
     }
 }
 
@@ -53,12 +59,13 @@ impl EventIn {
             handle: AtomicUsize::new(0),
             serving: Mutex::default(),
             offered: AtomicUsize::new(0),
+            news: Arc::default(),
         }
     }
 
     /// Says who is rung when an event arrives; once.
     pub fn listen(&self, signal: Arc<Signal>) {
-        self.port.listen(Box::new(Chime(signal)));
+        self.port.listen(Box::new(Chime { signal, news: Arc::clone(&self.news) }));
     }
 
     /// From now on the instance with this handle is entered.
@@ -70,7 +77,8 @@ impl EventIn {
     #[must_use]
     pub fn waits(&self) -> bool {
         let queued = self.port.queued();
-        queued > 0 && (self.handled || queued < self.offered.load(Ordering::Relaxed))
+        let is_taken = || queued < self.offered.load(Ordering::Relaxed);
+        queued > 0 && (self.handled || self.news.load(Ordering::Acquire) || is_taken())
     }
 
     /// The callback for the next event.
@@ -82,6 +90,7 @@ impl EventIn {
             self.keep(Some(event));
             return Some(Due { hook: Hook::Serve, serve });
         }
+        self.news.store(false, Ordering::Release);
         let queued = self.port.queued();
         self.offered.store(queued, Ordering::Relaxed);
         (queued > 0).then_some(Due { hook: Hook::Event, serve: ServeArgs::NONE })

@@ -3,6 +3,7 @@
 
 mod allocation;
 mod check;
+mod event;
 mod links;
 mod push;
 mod query;

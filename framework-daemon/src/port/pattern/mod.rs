@@ -40,6 +40,7 @@ pub mod requestor;
 /// The client's end of a push.
 pub mod subscriber;
 
+mod event_tests;
 mod messages;
 mod push_waits;
 mod waits;

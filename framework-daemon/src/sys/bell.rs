@@ -8,13 +8,11 @@
 //! long as the way into a callback.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
-
-use crossbeam_queue::ArrayQueue;
 
 use super::crowd::Crowd;
 use super::lookout::Lookout;
 use super::seat;
+use super::shared::{ArrayQueue, AtomicBool, AtomicU32, AtomicUsize, Ordering};
 use super::wake::Waker;
 use crate::model::limits::SLOTS;
 

@@ -32,6 +32,21 @@ pub mod shared;
 #[cfg(not(test))]
 pub mod bell;
 
+/// What makes an executor look at its members.
+#[cfg(not(test))]
+#[path = "../../../framework-daemon/src/sys/bell.rs"]
+pub mod real_bell;
+
+/// Tasks of a slot.
+pub mod crowd;
+
+/// How an executor waits.
+#[cfg(not(test))]
+pub mod lookout;
+
+/// Whose thread it is.
+pub mod seat;
+
 /// What the sources of calls need to know.
 #[cfg(not(test))]
 pub mod model;

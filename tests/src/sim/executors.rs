@@ -74,7 +74,7 @@ impl Executors {
 
     /// An executor does one thing; false: it has nothing to do.
     pub(super) fn run(&mut self, executor: usize) -> bool {
-        self.world.bells[executor].adopt();
+        self.world.take_thread(&self.world.bells[executor]);
         if let Some((slot, ticket)) = self.executors[executor].busy.take() {
             let progress = self.executors[executor].fibers.go_on(ticket, NEVER, true);
             self.settle(slot, progress);
@@ -135,7 +135,7 @@ impl Executors {
 
     fn begin(&mut self, slot: usize, job: Job) {
         let executor = self.executor(slot);
-        self.world.bells[executor].adopt();
+        self.world.take_thread(&self.world.bells[executor]);
         self.strands[slot].serves = matches!(job, Job::Serve(..));
         let (world, ends) = (Arc::clone(&self.world), self.world.ends(slot));
         let script = Box::new(Script { world, slot, ends, job, way: Way::Returned });
@@ -148,7 +148,7 @@ impl Executors {
     /// Goes on with a callback that waits; where it may not wait any more, it comes to its end.
     pub(super) fn go_on(&mut self, slot: usize, may_wait: bool) {
         let executor = self.executor(slot);
-        self.world.bells[executor].adopt();
+        self.world.take_thread(&self.world.bells[executor]);
         let Some((ticket, _)) = self.strands[slot].waiting.take() else { return };
         let progress = self.executors[executor].fibers.go_on(ticket, NEVER, may_wait);
         self.settle(slot, progress);

@@ -54,7 +54,7 @@ fn replace(world: &World, slot: usize) {
 impl Executors {
     /// Everything is connected and started.
     pub(super) fn set_up(&mut self) {
-        self.world.outside.adopt();
+        self.world.take_thread(&self.world.outside);
         for slot in 0..self.world.slots.len() {
             (0..PORTS).for_each(|port| connect(&self.world, slot, port));
             self.start(slot);
@@ -63,7 +63,7 @@ impl Executors {
 
     /// Something drawn by lot; false: there was nothing to it.
     pub(super) fn interfere(&mut self) -> bool {
-        self.world.outside.adopt();
+        self.world.take_thread(&self.world.outside);
         let dice = &self.world.dice;
         let (slot, port) = (dice.below(self.world.slots.len()), dice.below(PORTS));
         let (state, is_free) = (self.state(slot), self.is_free(slot));

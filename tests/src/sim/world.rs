@@ -11,6 +11,7 @@ use framework_daemon::port::pattern::requestor::{Requestor, Room};
 use framework_daemon::port::wait::{NotHere, Place, Waiter};
 use framework_daemon::sys::bell::{Bell, Signal};
 use framework_daemon::sys::fiber;
+use framework_daemon::sys::seat::{self, Owner};
 
 use super::dice::Dice;
 use super::model::{self, Gates, Model, PORTS, Slot, State};
@@ -121,6 +122,12 @@ impl World {
         requestors.iter().for_each(|port| port.listen(Arc::clone(&signal)));
         provider.listen(Arc::clone(&signal));
         Arc::new(Ends { life, provider: Arc::new(provider), requestors, signal })
+    }
+
+    /// The one thread is that executor's from now on, in a callback.
+    pub(super) fn take_thread(&self, bell: &Arc<Bell>) {
+        bell.adopt();
+        let _ = seat::enter(&Owner { slot: "", instance: 1 });
     }
 
     /// The ends of a slot now.

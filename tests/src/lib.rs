@@ -9,6 +9,9 @@ pub mod bench;
 /// The torture campaign.
 pub mod campaign;
 
+/// A crowd of components that ask each other, on real threads.
+pub mod crowd;
+
 /// Where the daemon's binary is.
 pub mod daemon_binary;
 

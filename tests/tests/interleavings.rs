@@ -32,3 +32,10 @@ fn no_call_is_lost_or_doubled_and_nobody_waits_for_ever() {
         assert!(unseen.is_empty(), "never: {unseen:?} in {}", report.text());
     }
 }
+
+#[test]
+fn on_real_threads_every_question_has_its_end() {
+    let crowd = tests::crowd::run(std::time::Duration::from_secs(4));
+    assert!(crowd.problems.is_empty(), "{crowd:#?}");
+    assert!(crowd.answered > 100 && crowd.faults > 0, "{crowd:#?}");
+}

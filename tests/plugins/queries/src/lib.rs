@@ -2,11 +2,14 @@
 //!
 //! The asker runs one case in each callback and logs how it went. What its peer does, each request says.
 
+mod crowd;
+mod more;
 mod teller;
 mod told;
 
 use component_sdk::prelude::*;
 
+pub use crowd::Member;
 pub use teller::{Echo, OtherEcho, Teller};
 
 /// All cases, each named after the line of the tables that it stands for; those that cost the teller its life come last.
@@ -25,6 +28,10 @@ macro_rules! query_cases {
             component_blocking_reaches_every_requestor, three_gates_all_must_be_open, data_wins_over_the_gate, it_is_a_level, flags_not_counters, blocking_has_no_effect_on_request,
             disconnect_before_the_answer_client, disconnect_before_the_answer_server, answer_then_disconnect_then_receive,
             reconnect_does_not_revive_old_ids, cycle_of_two_is_answered, own_service_is_a_cycle, a_large_number_of_queries_loses_nothing,
+            new_waits_are_cancelled_at_once, gates_are_checked_before_blocking, cancelling_does_not_consume,
+            answer_after_a_cancelled_query_is_ok, wait_with_memory_query, busy_slot_gets_no_second_callback,
+            parked_callback_is_no_hang, vector_query_connection, vector_query_out_of_order_and_discard,
+            vector_query_disconnect_while_others_wait, vector_query_two_services, active_handler_survives_50000,
             handler_panic_is_contained_and_client_released, queued_calls_survive_a_panic, retry_asks_the_successor_once_each, server_crash_next_call,
             queued_calls_survive_a_replacement, server_crash_releases_the_waiter, handler_hang_is_ended_and_client_released,
         }
@@ -162,4 +169,4 @@ impl Asker {
     }
 }
 
-export_components!(Asker, Teller, Echo, OtherEcho);
+export_components!(Asker, Teller, Echo, OtherEcho, Member);

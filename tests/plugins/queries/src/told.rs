@@ -6,22 +6,28 @@ use cases::{same, table, text};
 use component_sdk::component::Component as _;
 use component_sdk::prelude::*;
 
+use crate::more::{
+    active_handler_survives_50000, answer_after_a_cancelled_query_is_ok, busy_slot_gets_no_second_callback,
+    cancelling_does_not_consume, gates_are_checked_before_blocking, new_waits_are_cancelled_at_once,
+    parked_callback_is_no_hang, vector_query_connection, vector_query_disconnect_while_others_wait,
+    vector_query_out_of_order_and_discard, vector_query_two_services, wait_with_memory_query,
+};
 use crate::{Ask, Asker, Told, todo};
 
 crate::query_cases!(table Asker;);
 
-const SHORT: Duration = Duration::from_millis(30);
+pub(crate) const SHORT: Duration = Duration::from_millis(30);
 
-fn ask(todo: u32, number: u64) -> Ask {
+pub(crate) fn ask(todo: u32, number: u64) -> Ask {
     Ask { todo, number }
 }
 
-fn number(told: Result<component_sdk::port::Reply<'_, Told>, Status>) -> Result<u64, Status> {
+pub(crate) fn number(told: Result<component_sdk::port::Reply<'_, Told>, Status>) -> Result<u64, Status> {
     told.map(|told| told.number)
 }
 
 /// Has the teller answer what it keeps; how many there were.
-fn let_go(asker: &mut Asker) -> Result<u64, String> {
+pub(crate) fn let_go(asker: &mut Asker) -> Result<u64, String> {
     text(number(asker.tell.query(ask(todo::LET_GO, 0))))
 }
 
@@ -341,18 +347,18 @@ fn handler_hang_is_ended_and_client_released(asker: &mut Asker, _: &mut Context<
     same(end, Err(Status::ProviderGone))
 }
 
-const TELL: (&str, &str) = ("asker", "tell");
+pub(crate) const TELL: (&str, &str) = ("asker", "tell");
 
-fn cut(cx: &Context<'_>) -> Result<(), String> {
+pub(crate) fn cut(cx: &Context<'_>) -> Result<(), String> {
     cx.wiring().disconnect(TELL).map_err(|refusal| refusal.to_string())
 }
 
-fn join(cx: &Context<'_>) -> Result<(), String> {
+pub(crate) fn join(cx: &Context<'_>) -> Result<(), String> {
     cx.wiring().connect(TELL, ("teller", "told")).map_err(|refusal| refusal.to_string())
 }
 
 /// A query that the teller has in hand.
-fn in_hand(asker: &mut Asker, number: u64) -> Result<QueryId<Told>, String> {
+pub(crate) fn in_hand(asker: &mut Asker, number: u64) -> Result<QueryId<Told>, String> {
     let id = text(asker.tell.request(ask(todo::KEEP, number)))?;
     // It is served before the next one.
     same(self::number(asker.tell.query(ask(todo::ANSWER, 1))), Ok(2))?;

@@ -204,14 +204,29 @@ fn event_server(slot: &str, port: &EventServer, clients: &[End]) -> Value {
 
 fn input(slot: &str, port: &InPort, writers: &[End]) -> Value {
     let (received, dropped) = port.counts();
-    json!({"slot": slot, "port": port.name, "direction": "input", "type": port.object.name.as_str(),
+    let mut fields = json!({"slot": slot, "port": port.name, "direction": "input", "type": port.object.name.as_str(),
         "connections": names(writers), "policy": policy(port.policy()), "received": received, "dropped": dropped,
-        "waiting": port.queued()})
+        "waiting": port.queued()});
+    if let Some(turn) = port.turn() {
+        fields["every"] = turn.every().into();
+    }
+    fields
 }
 
 fn output(slot: &str, port: &OutPort, readers: &[End]) -> Value {
-    json!({"slot": slot, "port": port.name, "direction": "output", "type": port.object.name.as_str(),
-        "connections": names(readers)})
+    let mut fields = json!({"slot": slot, "port": port.name, "direction": "output", "type": port.object.name.as_str(),
+        "connections": names(readers)});
+    let (cycle, (early, missed)) = (port.outlet().cycle(), port.outlet().counts());
+    if let Some(period_ns) = cycle.period_ns {
+        fields["period_ns"] = period_ns.into();
+        fields["running"] = port.outlet().is_running().into();
+        fields["missed"] = missed.into();
+    }
+    if cycle.min_cycle_ns > 0 {
+        fields["min_cycle_ns"] = cycle.min_cycle_ns.into();
+        fields["early"] = early.into();
+    }
+    fields
 }
 
 fn client(slot: &str, port: &Requestor, servers: &[End]) -> Value {

@@ -6,10 +6,12 @@ mod newest;
 mod sender;
 mod table;
 mod timed;
+mod wild;
 
 use component_sdk::prelude::*;
 
 pub use sender::{OtherSender, Sender, Waiter};
+pub use wild::Wild;
 
 /// All cases, each named after the line of the tables that it stands for; those that cost the sender its life come last.
 #[macro_export]
@@ -211,4 +213,4 @@ impl Hearer {
     }
 }
 
-export_components!(Hearer, Sender, OtherSender, Waiter);
+export_components!(Hearer, Sender, OtherSender, Waiter, Wild);

@@ -6,11 +6,11 @@ use tests::running::Running;
 use crate::check::check;
 use crate::rig::{Suite, Transport, conformance, declare_executors};
 
-const RESET: &str =
+pub(crate) const RESET: &str =
     "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
 
 /// Watcher, measurer and another one.
-fn profiles(transport: Transport, run: &str, rules: &str) -> Profiles {
+pub(crate) fn profiles(transport: Transport, run: &str, rules: &str) -> Profiles {
     let cases = format!("<properties><property name=\"run\" type=\"string\">{run}</property></properties>");
     let slots = [
         slot("measurer", "Measurer", &format!("{}{rules}", transport.place("right"))),

@@ -141,10 +141,11 @@ pub struct Watcher {
     /// Without one; keeps the first ones.
     #[port(fifo = 3)]
     first_notes: EventIn<u64>,
-    /// `all` cases, `stay` in a wait, `fall` with activations.
+    /// `all` cases, `stay` in a wait, `fall` with activations, or `measure` events of all kinds.
     #[property(default = "all")]
     run: String,
     next: usize,
+    measured: Option<EventId<Crossing>>,
     /// What the handlers got.
     crossings: Vec<f64>,
     alarmed: Vec<u64>,
@@ -165,6 +166,7 @@ impl Callbacks for Watcher {
         match self.run.as_str() {
             "stay" => return self.stay(cx),
             "fall" => return self.fall(cx),
+            "measure" => return self.measure(),
             _ => {}
         }
         let got = self.crossings.len() + self.alarmed.len() + self.noted.len() + self.first_noted.len();
@@ -214,6 +216,26 @@ impl Watcher {
         info!(cx, "waited: {event:?}");
         let kept = self.level.deactivate(id);
         info!(cx, "the id was {}", if kept.is_ok() { "kept" } else { "gone" });
+        Ok(())
+    }
+
+    /// One event of each kind.
+    fn measure(&mut self) -> Outcome {
+        let id = match self.measured {
+            Some(id) => id,
+            None => {
+                let parameter = Threshold { always: true, ..Threshold::default() };
+                self.heard.activate(Mode::Continuous, parameter.clone())?;
+                *self.measured.insert(self.level.activate(Mode::Continuous, parameter)?)
+            }
+        };
+        self.ask.query(Ask { todo: todo::PUT, value: 1.0 })?;
+        self.level.get_event(id)?;
+        self.ask.query(Ask { todo: todo::SEND, value: 1.0 })?;
+        self.alarmed.clear();
+        self.noted.clear();
+        self.first_noted.clear();
+        self.crossings.clear();
         Ok(())
     }
 

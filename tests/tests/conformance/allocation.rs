@@ -1,4 +1,4 @@
-//! Queries and events use no allocator of the daemon's once they run: the allocator of this test counts.
+//! Queries, messages, methods and events use no allocator of the daemon once they run: this test's allocator counts.
 #![allow(unsafe_code, reason = "a counting allocator")]
 
 use std::alloc::{GlobalAlloc, Layout};
@@ -13,9 +13,8 @@ use framework_daemon::supervise::system::System;
 use framework_daemon::sys::trap;
 use tests::profiles::{Profiles, plugin_dir};
 
-use crate::event;
-use crate::query::profiles;
 use crate::rig::Transport;
+use crate::{event, query, send};
 
 struct Counting;
 
@@ -88,12 +87,18 @@ const SIDES: [(Transport, [&str; 2]); 2] = [(Transport::Near, ["main", "main"]),
 
 // One test, because few threads are watched at a time.
 #[test]
-fn queries_and_events_use_no_allocator_near_or_far() {
-    for (transport, executors) in SIDES {
-        measure(&profiles(transport, "measure"), executors, 5_000, |system| {
-            let (asked, failed) = system.slot("asker").unwrap().slot.requestor("tell").unwrap().counts();
+fn queries_messages_methods_and_events_use_no_allocator_near_or_far() {
+    let calls = |slot: &'static str, port: &'static str| {
+        move |system: &System| {
+            let (asked, failed) = system.slot(slot).unwrap().slot.requestor(port).unwrap().counts();
             (asked, u64::from(failed))
-        });
+        }
+    };
+    for (transport, executors) in SIDES {
+        measure(&query::profiles(transport, "measure"), executors, 5_000, calls("asker", "tell"));
+        for port in ["order", "board/turn", "board/beep"] {
+            measure(&send::profiles(transport, "measure"), executors, 5_000, calls("sender", port));
+        }
         measure(&event::profiles(transport, "measure", event::RESET), executors, 1_000, |system| {
             let (_, fired, lost) = system.slot("measurer").unwrap().slot.events.servers[0].counts();
             (fired, lost)

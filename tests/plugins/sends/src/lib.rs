@@ -142,7 +142,7 @@ impl Sender {
 
     /// Sends for ever, a few at a time.
     fn measure(&mut self, cx: &mut Context<'_>) -> Outcome {
-        for number in 0..4 {
+        for number in 0..200 {
             match self.order.send(Order { number, ..Order::default() }) {
                 Ok(()) => {}
                 Err(Status::Overload) => _ = cx.sleep(std::time::Duration::from_millis(1)),

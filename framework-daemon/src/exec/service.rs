@@ -10,6 +10,7 @@ use super::strand::Job;
 use crate::port::event_in::Due;
 use crate::port::pattern::provider::Openness;
 use crate::port::pattern::subscriber::Subscriber;
+use crate::port::pattern::turns;
 
 impl Member {
     /// Enters the handler of a request or an event, if one waits.
@@ -26,7 +27,7 @@ impl Member {
     /// What is to be handled next: cycles first, which are late otherwise, then requests, then values that arrived.
     fn next_serve(&self) -> Option<ServeArgs> {
         let slot = &self.slot;
-        let request = || slot.providers.iter().find_map(|port| port.next());
+        let request = || turns::next(&slot.providers);
         if !slot.handles_pushes {
             return request();
         }

@@ -28,6 +28,7 @@ use crate::model::schedule::Schedule;
 use crate::plugin::Class;
 use crate::port::input::InPort;
 use crate::port::pattern::subscriber::Subscriber;
+use crate::port::pattern::turns;
 use crate::port::registry;
 use crate::profile::plan::{ConnectionPlan, Plan, SlotPlan, Trigger};
 use crate::sys::bell::{Bell, Signal};
@@ -166,6 +167,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
     slot.inputs.iter().filter_map(|port| port.subscriber()).for_each(|port| port.listen(Arc::clone(&signal)));
     slot.outputs.iter().for_each(|port| port.outlet().listen(Arc::clone(&signal)));
     slot.providers.iter().for_each(|port| port.listen(Arc::clone(&signal)));
+    turns::share(&slot.providers);
     slot.events.listen(&signal);
     let shelf = workshop.shelf(&slot, recipes, plan.rules.ready_spares(), plan.rules.severity.clone());
     let intensity = plan.rules.reset.map(|intensity| (intensity.limit, intensity.within));

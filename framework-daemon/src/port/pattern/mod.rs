@@ -40,6 +40,9 @@ pub mod requestor;
 /// The client's end of a push.
 pub mod subscriber;
 
+/// Whose turn it is.
+pub mod turns;
+
 mod event_tests;
 mod messages;
 mod push_waits;

@@ -10,6 +10,7 @@ use component_sdk::status::Status;
 
 use super::call::Ticket;
 use super::objects::Objects;
+use super::turns::Turns;
 use crate::model::limits::INBOX_MAX;
 use crate::port::gate::Gate;
 use crate::port::wait::Waiter;
@@ -109,6 +110,8 @@ pub struct Provider {
     /// The handle of the instance in use.
     handle: AtomicUsize,
     signal: OnceLock<Arc<Signal>>,
+    /// Where its slot has others: the order in which they are asked, and its place in their list.
+    turns: OnceLock<(Arc<Turns>, usize)>,
     refused: AtomicU64,
 }
 
@@ -132,6 +135,7 @@ impl Provider {
             open: AtomicU8::new(Openness::Starting as u8),
             handle: AtomicUsize::new(0),
             signal: OnceLock::new(),
+            turns: OnceLock::new(),
             refused: AtomicU64::new(0),
         }
     }
@@ -141,6 +145,19 @@ impl Provider {
     pub fn without_handler(mut self) -> Self {
         self.has_handler = false;
         self
+    }
+
+    /// Number of calls that may wait.
+    pub(super) fn room(&self) -> usize {
+        self.held.len()
+    }
+
+    pub(super) fn take_turns(&self, turns: Arc<Turns>, place: usize) {
+        let _ = self.turns.set((turns, place));
+    }
+
+    pub(super) fn turns(&self) -> Option<&Turns> {
+        self.turns.get().map(|(turns, _)| turns.as_ref())
     }
 
     pub(super) const fn has_handler(&self) -> bool {
@@ -180,6 +197,9 @@ impl Provider {
         if self.inbox.push(ticket).is_err() {
             self.refused.fetch_add(1, Ordering::Relaxed);
             return Err(Status::Overload);
+        }
+        if let Some((turns, place)) = self.turns.get() {
+            turns.came(*place);
         }
         self.ring();
         // It may have been closed since the client looked; what came in after that has nobody else to end it.

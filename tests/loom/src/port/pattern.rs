@@ -8,6 +8,9 @@ mod call;
 pub mod objects;
 
 /// The server's end.
+#[path = "../../../../framework-daemon/src/port/pattern/turns.rs"]
+pub mod turns;
+
 #[path = "../../../../framework-daemon/src/port/pattern/provider.rs"]
 pub mod provider;
 

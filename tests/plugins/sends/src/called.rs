@@ -159,3 +159,23 @@ fn names_of_a_service_lead_to_it(sender: &mut Sender, cx: &mut Context<'_>) -> R
     back_to_normal(cx)?;
     same(both, Some(Status::IncompatibleService))
 }
+
+fn methods_are_served_in_the_order_of_the_calls(sender: &mut Sender, _: &mut Context<'_>) -> Result<(), String> {
+    text(sender.board.clear().map(drop))?;
+    for beeps in 1..=200 {
+        // `turn` stands before `beep` in the interface, and `beeps` behind it.
+        text(sender.board.beep(1))?;
+        text(sender.board.turn(0.0).map(drop))?;
+        same(text(sender.board.beeps()).map(|beeps| *beeps), Ok(beeps))?;
+    }
+    // The other way round.
+    text(sender.board.beep(1))?;
+    let cleared = text(sender.board.clear_request())?;
+    text(sender.board.beep(1))?;
+    let turned = text(sender.board.turn_request(1.0))?;
+    let beeps = text(sender.board.beeps_request())?;
+    text(sender.board.beep(1))?;
+    text(sender.board.clear.receive_wait(cleared).map(drop))?;
+    text(sender.board.turn.receive_wait(turned).map(drop))?;
+    same(text(sender.board.beeps.receive_wait(beeps)).map(|beeps| *beeps), Ok(1))
+}

@@ -77,7 +77,7 @@ macro_rules! service_cases {
         unconnected_call_is_disconnected, server_may_have_more, blocking_reaches_every_method,
         component_blocking_reaches_every_method, missing_method_is_incompatible, other_layout_is_incompatible,
         one_method_may_be_wired_by_itself, failed_connect_leaves_disconnected, disconnect_by_the_services_name,
-        names_of_a_service_lead_to_it,
+        names_of_a_service_lead_to_it, methods_are_served_in_the_order_of_the_calls,
     } };
 }
 

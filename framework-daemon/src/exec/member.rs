@@ -339,7 +339,7 @@ impl Member {
         }
     }
 
-    fn queued(&self) -> usize {
+    pub(super) fn queued(&self) -> usize {
         self.slot.inputs.iter().map(|port| port.queued()).sum()
     }
 

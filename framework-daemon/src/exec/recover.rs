@@ -22,6 +22,7 @@ use crate::model::limits::{BREATH_MAX, BREATH_MIN, BREATHLESS_FAILURES, RECOVERY
 use crate::model::time::nanoseconds;
 use crate::port::pattern::provider::Openness;
 use crate::profile::plan::Trigger;
+use crate::sys::bell::Ring;
 use crate::sys::clock;
 
 static LOST: AtomicU64 = AtomicU64::new(0);
@@ -159,6 +160,10 @@ impl Member {
                 }
             }
             break;
+        }
+        // What had arrived for the callback that failed, and was not taken, rings no more by itself.
+        if self.state() == State::Active && self.trigger == Trigger::Nonperiodic && self.queued() > 0 {
+            self.signal.ring(Ring::Data);
         }
         crew.fibers.bury();
         self.prepare_fibers(crew);

@@ -74,6 +74,15 @@ pub trait Component: Sized + Send + 'static {
     #[allow(unused_variables, reason = "a component without clients waits for nobody")]
     fn blocking(&mut self, on: bool) {}
 
+    /// Begins what its ports do beside its callbacks; called after `start`.
+    ///
+    /// # Errors
+    /// A task could not be started.
+    #[allow(unused_variables, reason = "a component without states has nothing to begin")]
+    fn attend(&mut self, cx: &mut Context<'_>) -> Outcome {
+        Ok(())
+    }
+
     /// Calls the handler of the port at which something came in.
     ///
     /// # Errors

@@ -55,6 +55,9 @@ pub mod port;
 /// Typed properties, read from the profile.
 pub mod property;
 
+/// The states of a component: a table and a few pure functions.
+pub mod state;
+
 /// What the operations of the communication patterns answer.
 pub mod status;
 
@@ -81,6 +84,8 @@ pub mod prelude {
         QueryClient, QueryId, QueryServer, Requestor, Required, SendClient, SendServer, Sent,
     };
     pub use crate::port::{EventClient, EventId, EventIn, EventOut, EventServer, EventState};
+    pub use crate::port::{Held, StateMaster, StateSlave, Substates};
+    pub use crate::state::{Edge, Life};
     pub use crate::status::Status;
     pub use crate::task::{Job, Task};
     pub use crate::{CommObject, Component, error, export_components, fault, info, service, warn};

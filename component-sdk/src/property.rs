@@ -8,7 +8,7 @@ use crate::component::ComponentError;
 use crate::object::CommObject;
 use crate::port::{
     DataIn, DataOut, EventClient, EventIn, EventOut, EventServer, Provided, PushClient, PushServer, PushTimedServer,
-    QueryClient, QueryServer, Required, SendClient, SendServer, Service,
+    QueryClient, QueryServer, Required, SendClient, SendServer, Service, StateMaster, StateSlave,
 };
 
 /// What a property's text must be.
@@ -189,6 +189,18 @@ impl<'a> Builder<'a> {
     #[must_use]
     pub fn provided<S: Service + ?Sized>(&self, index: usize) -> Provided<S> {
         Provided::new(S::server(self, index))
+    }
+
+    /// The states at `index`.
+    #[must_use]
+    pub fn state_slave(&self, index: usize) -> StateSlave {
+        StateSlave::new(self.args.ports[index], self.args.ports.to_vec())
+    }
+
+    /// The master of states at `index`.
+    #[must_use]
+    pub fn state_master(&self, index: usize) -> StateMaster {
+        StateMaster::new(self.args.ports[index])
     }
 
     /// The property at `index`.

@@ -5,7 +5,7 @@ use quote::{quote, quote_spanned};
 use syn::spanned::Spanned;
 use syn::{DeriveInput, Error, Expr, Field, Ident, Lit, LitStr, Result, Type};
 
-use crate::ports::{Port, blocking, serve};
+use crate::ports::{Port, attend, blocking, serve};
 use crate::{description, named_fields};
 
 pub(crate) fn expand(input: &DeriveInput) -> Result<TokenStream> {
@@ -62,10 +62,10 @@ impl ClassAttr {
 
     fn output(&self, input: &DeriveInput, parts: &Parts) -> TokenStream {
         let Self { name, version, trigger } = self;
-        let Parts { ports, counts: _, properties, criticals, builders, handlers, gates } = parts;
+        let Parts { ports, counts: _, properties, criticals, builders, handlers, gates, begun } = parts;
         let ident = &input.ident;
         let description = description(&input.attrs);
-        let (serve, blocking) = (serve(handlers), blocking(gates));
+        let (serve, blocking, attend) = (serve(handlers), blocking(gates), attend(begun));
         quote! {
             const _: () = {
                 use ::component_sdk::abi::class::{
@@ -99,6 +99,8 @@ impl ClassAttr {
                     #serve
 
                     #blocking
+
+                    #attend
                 }
             };
         }
@@ -116,6 +118,7 @@ struct Parts {
     builders: Vec<TokenStream>,
     handlers: Vec<TokenStream>,
     gates: Vec<TokenStream>,
+    begun: Vec<TokenStream>,
 }
 
 impl Parts {
@@ -152,6 +155,7 @@ impl Parts {
         self.ports.push(port.decls());
         self.handlers.extend(port.dispatch());
         self.gates.extend(port.gate());
+        self.begun.extend(port.attend());
         let method = port.builder();
         Ok(quote!(builder.#method(#index)))
     }

@@ -10,7 +10,8 @@ use crate::pushes::PushOptions;
 
 const KNOWN: &str = "a port is a DataIn<T>, a DataOut<T>, a PushClient<T>, a PushServer<T>, a PushTimedServer<T>, a \
                      QueryClient<R, A>, a QueryServer<R, A>, a SendClient<C>, a SendServer<C>, an EventClient<P, E>, an \
-                     EventServer<P, E, S>, an EventIn<E>, an EventOut<E>, a Required<dyn I> or a Provided<dyn I>";
+                     EventServer<P, E, S>, an EventIn<E>, an EventOut<E>, a Required<dyn I>, a Provided<dyn I>, \
+                     a StateSlave or a StateMaster";
 
 /// The kinds of ports, by the last part of their type's name.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -30,6 +31,8 @@ pub(crate) enum Kind {
     EventOut,
     Required,
     Provided,
+    StateSlave,
+    StateMaster,
 }
 
 impl Kind {
@@ -50,6 +53,8 @@ impl Kind {
             "EventOut" => Self::EventOut,
             "Required" => Self::Required,
             "Provided" => Self::Provided,
+            "StateSlave" => Self::StateSlave,
+            "StateMaster" => Self::StateMaster,
             _ => return None,
         })
     }
@@ -71,6 +76,7 @@ impl Kind {
             Self::QueryClient | Self::QueryServer | Self::EventClient => 2..=2,
             // What is tested is the event where it is not said.
             Self::EventServer => 2..=3,
+            Self::StateSlave | Self::StateMaster => 0..=0,
         }
     }
 
@@ -91,6 +97,11 @@ impl Kind {
     /// True for a bundle of ports, one for each method of an interface.
     const fn is_service(self) -> bool {
         matches!(self, Self::Required | Self::Provided)
+    }
+
+    /// True for either side of the state pattern, which is a query with objects of its own.
+    const fn is_state(self) -> bool {
+        matches!(self, Self::StateSlave | Self::StateMaster)
     }
 
     const fn has_queue(self) -> bool {
@@ -183,14 +194,16 @@ impl<'a> Port<'a> {
             Kind::EventOut => "event_out",
             Kind::Required => "required",
             Kind::Provided => "provided",
+            Kind::StateSlave => "state_slave",
+            Kind::StateMaster => "state_master",
         };
         Ident::new(name, self.field.ty.span())
     }
 
     /// Number of its ports.
     pub(crate) fn count(&self) -> TokenStream {
-        let interface = self.objects[0];
         if self.kind.is_service() {
+            let interface = self.objects[0];
             quote!(<#interface as ::component_sdk::port::Service>::METHODS.len())
         } else {
             quote!(1)
@@ -216,8 +229,8 @@ impl<'a> Port<'a> {
         let (pattern, direction) = match self.kind {
             Kind::DataIn | Kind::PushClient => (quote!(Push), quote!(Input)),
             Kind::DataOut | Kind::PushServer | Kind::PushTimedServer => (quote!(Push), quote!(Output)),
-            Kind::QueryClient => (quote!(Query), quote!(Output)),
-            Kind::QueryServer => (quote!(Query), quote!(Input)),
+            Kind::QueryClient | Kind::StateMaster => (quote!(Query), quote!(Output)),
+            Kind::QueryServer | Kind::StateSlave => (quote!(Query), quote!(Input)),
             Kind::SendClient | Kind::Required => (quote!(Send), quote!(Output)),
             Kind::SendServer | Kind::Provided => (quote!(Send), quote!(Input)),
             Kind::EventClient => (quote!(Event), quote!(Input)),
@@ -226,10 +239,15 @@ impl<'a> Port<'a> {
             Kind::EventOut => (quote!(EventPort), quote!(Output)),
         };
         let described = |object: &Type| quote!(<#object as ::component_sdk::object::CommObject>::DESCRIPTOR);
+        let state: [Type; 2] = [
+            syn::parse_quote!(::component_sdk::port::StateRequest),
+            syn::parse_quote!(::component_sdk::port::StateNames),
+        ];
         // Of events the second one is what goes over the connection, the first one what it is asked for with.
         let (object, answer) = match (self.kind, self.objects.as_slice()) {
-            (Kind::EventClient | Kind::EventServer, [parameter, event, ..]) => (event, Some(parameter)),
-            (_, objects) => (&objects[0], objects.get(1)),
+            (Kind::EventClient | Kind::EventServer, [parameter, event, ..]) => (*event, Some(*parameter)),
+            (kind, _) if kind.is_state() => (&state[0], Some(&state[1])),
+            (_, objects) => (objects[0], objects.get(1).copied()),
         };
         let object = described(object);
         let answer = answer.map_or_else(
@@ -262,8 +280,17 @@ impl<'a> Port<'a> {
     /// What sets the component's gate at this port.
     pub(crate) fn gate(&self) -> Option<TokenStream> {
         let field = self.ident;
-        let has_gate = matches!(self.kind, Kind::QueryClient | Kind::PushClient | Kind::EventClient | Kind::Required);
+        let has_gate = matches!(
+            self.kind,
+            Kind::QueryClient | Kind::PushClient | Kind::EventClient | Kind::Required | Kind::StateMaster
+        );
         has_gate.then(|| quote!(self.#field.component_blocking(on);))
+    }
+
+    /// What is begun when the component starts.
+    pub(crate) fn attend(&self) -> Option<TokenStream> {
+        let field = self.ident;
+        (self.kind == Kind::StateSlave).then(|| quote!(self.#field.attend(cx)?;))
     }
 
     /// What enters its handler.
@@ -324,6 +351,19 @@ pub(crate) fn serve(handlers: &[TokenStream]) -> TokenStream {
     }
 }
 
+/// The method that is called after `start`; nothing where nothing is to be begun.
+pub(crate) fn attend(begun: &[TokenStream]) -> TokenStream {
+    if begun.is_empty() {
+        return TokenStream::new();
+    }
+    quote! {
+        fn attend(&mut self, cx: &mut ::component_sdk::context::Context<'_>) -> ::component_sdk::component::Outcome {
+            #(#begun)*
+            ::core::result::Result::Ok(())
+        }
+    }
+}
+
 /// The method that sets the gates of all clients; nothing where there are none.
 pub(crate) fn blocking(gates: &[TokenStream]) -> TokenStream {
     if gates.is_empty() {
@@ -342,10 +382,14 @@ fn port_type(ty: &Type) -> Result<(Kind, Vec<&Type>)> {
     let Type::Path(path) = ty else { return Err(unknown()) };
     let last = path.path.segments.last().ok_or_else(unknown)?;
     let kind = Kind::of(&last.ident).ok_or_else(unknown)?;
-    let syn::PathArguments::AngleBracketed(arguments) = &last.arguments else { return Err(unknown()) };
+    let arguments = match &last.arguments {
+        syn::PathArguments::AngleBracketed(arguments) => Some(&arguments.args),
+        syn::PathArguments::None => None,
+        syn::PathArguments::Parenthesized(_) => return Err(unknown()),
+    };
     let objects: Vec<&Type> = arguments
-        .args
-        .iter()
+        .into_iter()
+        .flatten()
         .filter_map(|argument| match argument {
             syn::GenericArgument::Type(object) => Some(object),
             _ => None,

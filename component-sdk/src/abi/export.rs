@@ -146,7 +146,7 @@ fn enter<T: Callbacks>(component: &mut T, args: &CallArgs<'_>) -> Outcome {
     };
     match args.hook {
         Hook::Initialize => component.initialize(cx),
-        Hook::Start => component.start(cx),
+        Hook::Start => component.start(cx).and_then(|()| component.attend(cx)),
         Hook::Execute => component.on_execute(cx),
         Hook::Update => component.update(cx),
         Hook::Event => component.on_event(cx),

@@ -10,6 +10,7 @@ mod query;
 mod requestor;
 mod send;
 mod service;
+mod state;
 
 pub use data::{DataIn, DataOut, Loan, Sent};
 pub use event::{EventClient, EventId, EventIn, EventOut, EventServer, EventState};
@@ -18,3 +19,4 @@ pub use query::{Answer, Pending, Query, QueryClient, QueryId, QueryServer, Reply
 pub use requestor::Requestor;
 pub use send::{Message, Outgoing, SendClient, SendServer};
 pub use service::{MethodDecl, Provided, Required, Service, all_ports, method_ports, port_count};
+pub use state::{Held, StateMaster, StateNames, StateRequest, StateSlave, Substates};

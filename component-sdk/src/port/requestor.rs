@@ -26,7 +26,7 @@
 //! A port belongs to its slot: connection and name outlive the instance, and a successor finds both as they were. Both begin
 //! with `start`: an instance that is not in use yet, in `initialize` or as a spare, is answered `Disconnected`.
 
-use super::{DataIn, EventClient, EventIn, PushClient, QueryClient, SendClient};
+use super::{DataIn, EventClient, EventIn, PushClient, QueryClient, SendClient, StateMaster};
 use crate::abi::host;
 use crate::abi::links::{LinkApi, PortName, Reason};
 use crate::abi::payload::PortHandle;
@@ -108,6 +108,12 @@ impl<T: CommObject> Handled for PushClient<T> {
 impl<R: CommObject, A: CommObject> Handled for QueryClient<R, A> {
     fn handle(&self) -> PortHandle {
         self.handle
+    }
+}
+
+impl Handled for StateMaster {
+    fn handle(&self) -> PortHandle {
+        self.client.handle
     }
 }
 

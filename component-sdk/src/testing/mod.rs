@@ -179,7 +179,7 @@ impl<C: Callbacks> Bench<C> {
     /// The component's own.
     pub fn start(&mut self) -> Outcome {
         self.enter(C::initialize)?;
-        self.enter(C::start)
+        self.enter(|component, cx| component.start(cx).and_then(|()| component.attend(cx)))
     }
 
     /// Calls `on_execute`.

@@ -11,5 +11,6 @@ mod requestor;
 mod rig;
 mod send;
 mod service;
+mod state;
 mod threads;
 mod wiring;

@@ -1,0 +1,32 @@
+//! State: slave, master, changes, and what becomes of them when the slave fails.
+
+use tests::profiles::{Profiles, application, connection_of, plugin_dir, slot};
+
+use crate::rig::{Suite, Transport, conformance, declare_executors};
+
+const RULES: &str =
+    "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
+
+fn profiles(transport: Transport) -> Profiles {
+    let slots = [
+        slot("master", "Master", &format!("{}{RULES}", transport.place("left"))),
+        slot("slave", "Slave", &format!("{}{RULES}", transport.place("right"))),
+    ];
+    let links = [
+        connection_of("service", "master.mine -> master.own", ""),
+        connection_of("service", "master.second -> master.own", ""),
+        connection_of("service", "master.slave -> slave.state", ""),
+        connection_of("service", "master.ask -> slave.asked", ""),
+        connection_of("service", "slave.deaf -> master.silent", ""),
+    ];
+    let text =
+        application(&slots, &[]).replace("</port_connections>", &format!("{}</port_connections>", links.concat()));
+    let profiles = Profiles::new(&text);
+    profiles.describe(&plugin_dir().join("libstates.so"));
+    declare_executors(&profiles);
+    profiles
+}
+
+static SUITE: Suite = Suite::new(profiles);
+
+states::state_cases!(conformance SUITE;);

@@ -29,7 +29,7 @@
 //! compiler sees to, and nobody needs a lock.
 //!
 //! A task may wait, as `on_execute` may; what it does between two waits must take no longer than a callback may
-//! ([`Task::budget`] says otherwise). Whatever ends it but its own return is a fault of its component: after a trap or a
+//! ([`Task::budget`](crate::task::Task::budget) says otherwise). Whatever ends it but its own return is a fault of its component: after a trap or a
 //! hang the instance is replaced with all of its tasks, and its successor starts its own in `start`; after a panic or
 //! an error it runs again when the component was reset.
 

@@ -20,7 +20,8 @@ const LIST_EXAMPLES: &str = "Examples:\n  framework-daemon component list\n  \
 const INFO_EXAMPLES: &str = "Examples:\n  framework-daemon component info avoider\n  \
      framework-daemon component info avoider --format json | jq .component.reset";
 
-const COLUMNS: [&str; 8] = ["slot", "state", "class", "application", "trigger", "executor", "cycles", "faults"];
+const COLUMNS: [&str; 9] =
+    ["slot", "state", "class", "application", "trigger", "executor", "cycles", "faults", "slots"];
 
 /// What is shown of one slot, in order.
 const FIELDS: [&str; 25] = [
@@ -70,7 +71,7 @@ pub enum Verb {
         #[command(flatten)]
         remote: Remote,
     },
-    /// Show all of one slot: counters, ports, properties, fault rules.
+    /// Show all of one slot: counters, ports, properties, fault rules; or of a composite: its slots, the ports that it shows.
     #[command(after_help = INFO_EXAMPLES)]
     Info {
         /// The slot.
@@ -88,9 +89,7 @@ pub enum Verb {
 /// Only those of writing.
 pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     match &arguments.verb {
-        Verb::List { remote } => {
-            remote.list("ListComponents", Map::new(), "components", out, |rows| table(&COLUMNS, rows))
-        }
+        Verb::List { remote } => remote.list("ListComponents", Map::new(), "components", out, components),
         Verb::Info { slot, remote } => {
             let asked = parameters([("slot", Some(slot.as_str().into()))]);
             remote.ask("DescribeComponent", asked, out, |answer| describe(&answer["component"]))
@@ -98,7 +97,22 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     }
 }
 
+/// Composites, where there are any, tell the slots in them.
+fn components(rows: &[Value]) -> Vec<String> {
+    let has_composites = rows.iter().any(is_composite);
+    table(&COLUMNS[..COLUMNS.len() - usize::from(!has_composites)], rows)
+}
+
+fn is_composite(component: &Value) -> bool {
+    !component["slots"].is_null()
+}
+
 fn describe(component: &Value) -> Vec<String> {
+    if is_composite(component) {
+        let ports = component["ports"].as_array().cloned().unwrap_or_default();
+        let shown = section("ports", &["port", "is", "direction", "type", "connections"], &ports);
+        return [fields(component, &COLUMNS), shown].concat();
+    }
     let rows = |name: &str| component[name].as_array().cloned().unwrap_or_default();
     let mut shown = component.clone();
     shown["severity"] = severity(&component["severity"]).into();

@@ -133,6 +133,7 @@ fn describe(answer: &Value) -> Vec<String> {
     let names = [
         "slot",
         "port",
+        "is",
         "direction",
         "type",
         "connections",

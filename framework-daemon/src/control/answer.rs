@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::directory::{Board, Directory};
 use super::interface::{INTERFACES, Method, PortName, Refusal};
-use super::{stream, views};
+use super::{composites, stream, views};
 use crate::fault::manager::Outlook;
 use crate::port::{registry, wiring};
 
@@ -43,12 +43,14 @@ impl Sight {
             Method::ListComponents => json!({"components": self.components()}),
             Method::DescribeComponent(slot) => {
                 let directory = self.directory(slot)?;
-                json!({"component": views::component_details(&directory, stream::entry(&directory, slot)?)})
+                let own = || Ok(views::component_details(&directory, stream::entry(&directory, slot)?));
+                json!({"component": composites::details(&directory, slot).map_or_else(own, Ok)?})
             }
             Method::ListPorts(None) => json!({"ports": self.all_ports()}),
             Method::ListPorts(Some(slot)) => {
                 let directory = self.directory(slot)?;
-                json!({"ports": views::ports(stream::entry(&directory, slot)?, &directory.wires())})
+                let own = || Ok(views::ports(stream::entry(&directory, slot)?, &directory.wires()));
+                json!({"ports": composites::ports_of(&directory, slot).map_or_else(own, Ok)?})
             }
             Method::DescribePort(name) => self.port(name)?,
             Method::ListFaults(slot, last) => {
@@ -83,22 +85,27 @@ impl Sight {
 
     fn components(&self) -> Vec<Value> {
         let Some(directory) = self.board.newest() else { return Vec::new() };
-        directory.entries.iter().map(|entry| views::component(&directory, entry)).collect()
+        let slots = directory.entries.iter().map(|entry| views::component(&directory, entry));
+        slots.chain(composites::all(&directory)).collect()
     }
 
     fn all_ports(&self) -> Vec<Value> {
         let Some(directory) = self.board.newest() else { return Vec::new() };
         let wires = directory.wires();
-        directory.entries.iter().flat_map(|entry| views::ports(entry, &wires)).collect()
+        let own = directory.entries.iter().flat_map(|entry| views::ports(entry, &wires));
+        own.chain(composites::all_ports(&directory, &wires)).collect()
     }
 
     fn port(&self, name: &PortName) -> Result<Value, Refusal> {
         let directory = self.directory(&name.slot)?;
+        let shown = composites::ports_of(&directory, &name.slot);
+        let shown = shown.and_then(|ports| ports.into_iter().find(|port| port["port"] == *name.port));
+        let name = &*composites::inner(&directory, name);
         let entry = stream::entry(&directory, &name.slot)?;
         let found = views::ports(entry, &directory.wires()).into_iter().find(|port| port["port"] == *name.port);
         let missing = || Refusal::NoSuchPort(name.clone(), entry.missing(&name.port));
         let (port, layout) = found.zip(views::port_layout(&entry.slot, &name.port)).ok_or_else(missing)?;
-        Ok(json!({"port": port, "layout": layout}))
+        Ok(json!({"port": shown.unwrap_or(port), "layout": layout}))
     }
 }
 

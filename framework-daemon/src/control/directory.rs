@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use crate::exec::slot::Slot;
 use crate::exec::workshop::Shelf;
-use crate::profile::plan::{Plan, SlotPlan};
+use crate::profile::plan::{CompositePlan, Plan, SlotPlan};
 use crate::profile::suggest;
 use crate::supervise::system::System;
 
@@ -74,10 +74,17 @@ impl Directory {
         self.plan.slots.get(entry.plan)
     }
 
+    /// What composites there are, by name.
+    #[must_use]
+    pub fn composites(&self) -> &[CompositePlan] {
+        &self.plan.composites
+    }
+
     /// Why there is no slot of that name, with the way out.
     #[must_use]
     pub fn missing(&self, name: &str) -> String {
-        let known: Vec<&str> = self.entries.iter().map(|entry| entry.slot.name).collect();
+        let composites = self.composites().iter().map(|composite| composite.name.as_str());
+        let known: Vec<&str> = self.entries.iter().map(|entry| entry.slot.name).chain(composites).collect();
         let hint = suggest::hint(name, &known, |name| format!("`{name}`"));
         format!("there is no slot `{name}`; {}", hint.unwrap_or_else(|| "`component list` shows all".to_owned()))
     }
@@ -275,6 +282,7 @@ mod tests {
             applications: Vec::new(),
             slots: Vec::new(),
             connections: Vec::new(),
+            composites: Vec::new(),
             dependencies: Vec::new(),
             order: Vec::new(),
             monitors: Vec::new(),

@@ -20,6 +20,7 @@ use crate::sys::thread;
 
 /// Answers that are there at once.
 mod answer;
+mod composites;
 
 /// The command line's side.
 pub mod client;

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
+use super::composites;
 use super::directory::{Directory, End, Entry};
 use super::interface::{PortName, Refusal};
 use crate::fault::feed::{Cursor, Feed, Line, Next};
@@ -80,7 +81,7 @@ impl Hz {
     /// # Errors
     /// When there is no such port, or nobody reads it.
     pub(super) fn new(directory: &Directory, name: PortName, window: Duration, now: Instant) -> Result<Self, Refusal> {
-        let measured_at = measuring_point(directory, &name)?;
+        let measured_at = measuring_point(directory, &composites::inner(directory, &name))?;
         let before = received(directory, &name, &measured_at)?;
         Ok(Self { name, measured_at, window, began: now, before })
     }

@@ -29,8 +29,50 @@ impl Entry {
     }
 }
 
+/// A port of a composite: another name for ports of the slots in it.
+#[derive(Clone)]
+pub struct Export {
+    /// The composite.
+    pub composite: String,
+    /// The port's name there.
+    pub port: String,
+    /// What it is: one, or several readers.
+    pub ends: Vec<PortEnd>,
+}
+
 /// All ports of the running system, in the order of their own names.
-type Directory = Arc<Vec<Entry>>;
+#[derive(Default)]
+struct Ports {
+    entries: Vec<Entry>,
+    exports: Vec<Export>,
+}
+
+/// Counted: what is looked at stays, though the pin is let go.
+type Directory = Arc<Ports>;
+
+/// The ports that a name leads to: one; or those that a composite shows by one name, at least one.
+pub enum Found {
+    /// A slot's.
+    One(PortEnd),
+    /// A composite's, by its place among the exports.
+    Exported(Exported),
+}
+
+/// Ports that a composite shows by one name.
+pub struct Exported(Directory, usize);
+
+impl Found {
+    /// Each of them.
+    #[must_use]
+    pub fn ends(&self) -> &[PortEnd] {
+        match self {
+            Self::One(end) => std::slice::from_ref(end),
+            Self::Exported(Exported(directory, place)) => {
+                directory.exports.get(*place).map_or(&[], |export| export.ends.as_slice())
+            }
+        }
+    }
+}
 
 /// What a component said about a port of its own.
 #[derive(Clone)]
@@ -82,32 +124,42 @@ impl Registry {
     ///
     /// # Errors
     /// Somebody else sets them all the time.
-    pub fn set(&self, mut entries: Vec<Entry>) -> Result<(), Busy> {
+    pub fn set(&self, entries: Vec<Entry>) -> Result<(), Busy> {
+        self.set_all(entries, Vec::new())
+    }
+
+    /// As [`Self::set`], with the ports that composites show.
+    ///
+    /// # Errors
+    /// Somebody else sets them all the time.
+    pub fn set_all(&self, mut entries: Vec<Entry>, exports: Vec<Export>) -> Result<(), Busy> {
         entries.sort_by(|one, other| one.key().cmp(&other.key()));
-        let fresh = Arc::new(entries);
-        let stays = |listing: &Listing| fresh.iter().any(|entry| entry.end.address() == listing.address);
+        let fresh = Arc::new(Ports { entries, exports });
+        let stays = |listing: &Listing| fresh.entries.iter().any(|entry| entry.end.address() == listing.address);
         self.listings.edit(|listings| Arc::new(listings.iter().filter(|one| stays(one)).cloned().collect()))?;
         // What is stale is dropped here, outside.
         self.ports.edit(|_| Arc::clone(&fresh)).map(drop)
     }
 
-    /// The port of that name.
+    /// The ports of that name.
     ///
     /// # Errors
-    /// Why it is not found.
-    pub fn find(&self, slot: &str, port: &str) -> Result<PortEnd, Unknown> {
-        // Counted: what is looked at meanwhile stays, though the pin is let go.
+    /// Why none is found.
+    pub fn find(&self, slot: &str, port: &str) -> Result<Found, Unknown> {
         let directory = self.ports.visit(Arc::clone)?;
         let listings = self.listings.visit(Arc::clone)?;
-        let ports = of_slot(&directory, slot);
+        let ports = of_slot(&directory.entries, slot);
+        if ports.is_empty() {
+            return exported(directory, &listings, slot, port);
+        }
         let given = |listing: &&Listing| listing.slot == slot && listing.name.is_some_and(|name| name.as_str() == port);
         if let Some(listing) = listings.iter().find(given) {
             let found = ports.iter().find(|entry| entry.end.address() == listing.address);
-            return found.map(|entry| entry.end.clone()).ok_or(Unknown::Port);
+            return found.map(|entry| Found::One(entry.end.clone())).ok_or(Unknown::Port);
         }
         let own = ports.binary_search_by(|entry| entry.end.name().cmp(port)).ok().map(|index| &ports[index]);
         let own = own.filter(|entry| entry.is_listed && !is_in(&listings, entry));
-        own.map(|entry| entry.end.clone()).ok_or(if ports.is_empty() { Unknown::Slot } else { Unknown::Port })
+        own.map(|entry| Found::One(entry.end.clone())).ok_or(Unknown::Port)
     }
 
     /// The port at that address, whether others find it or not.
@@ -116,7 +168,7 @@ impl Registry {
     /// Too many threads look at the same time.
     pub fn at(&self, slot: &str, address: usize) -> Result<Option<Entry>, Busy> {
         let directory = self.ports.visit(Arc::clone)?;
-        Ok(of_slot(&directory, slot).iter().find(|entry| entry.end.address() == address).cloned())
+        Ok(of_slot(&directory.entries, slot).iter().find(|entry| entry.end.address() == address).cloned())
     }
 
     /// From now on others find the port by this name, or not at all.
@@ -128,7 +180,7 @@ impl Registry {
         let (slot, address) = (entry.slot, entry.end.address());
         let mut is_free = true;
         let edited = self.listings.edit(|listings| {
-            is_free = name.is_none_or(|name| !is_taken(&directory, listings, entry, name.as_str()));
+            is_free = name.is_none_or(|name| !is_taken(&directory.entries, listings, entry, name.as_str()));
             if !is_free {
                 return Arc::clone(listings);
             }
@@ -151,9 +203,20 @@ impl Registry {
 
     /// All ports, in the order of their own names.
     #[must_use]
-    pub fn all(&self) -> Arc<Vec<Entry>> {
-        self.ports.visit(Arc::clone).unwrap_or_default()
+    pub fn all(&self) -> Vec<Entry> {
+        self.ports.visit(Arc::clone).unwrap_or_default().entries.clone()
     }
+}
+
+/// A composite's port. One that its component took the name from is not found by the composite's, either.
+fn exported(directory: Directory, listings: &[Listing], slot: &str, port: &str) -> Result<Found, Unknown> {
+    let mut own = directory.exports.iter().enumerate().filter(|(_, export)| export.composite == slot).peekable();
+    let unknown = if own.peek().is_some() { Unknown::Port } else { Unknown::Slot };
+    let is_hidden =
+        |end: &PortEnd| listings.iter().any(|listing| listing.address == end.address() && listing.name.is_none());
+    let found = own.find(|(_, export)| export.port == port && !export.ends.iter().any(is_hidden));
+    let place = found.map(|(place, _)| place).ok_or(unknown)?;
+    Ok(Found::Exported(Exported(directory, place)))
 }
 
 fn of_slot<'a>(directory: &'a [Entry], slot: &str) -> &'a [Entry] {

@@ -19,7 +19,7 @@ use super::input::{InPort, Source};
 use super::output::{Link, OutPort};
 use super::pattern::provider::Provider;
 use super::pattern::requestor::Requestor;
-use super::registry::{Registry, Unknown};
+use super::registry::{Found, Registry, Unknown};
 use super::{wiring_events, wiring_services};
 use crate::model::text::ShortText;
 
@@ -63,7 +63,8 @@ impl Refusal {
 }
 
 /// Connects two ports, whichever of them is named first. The reader's other connections, or the client's, are cut before, and
-/// stay so where this one is refused, for whatever reason.
+/// stay so where this one is refused, for whatever reason. Where a composite's name stands for several ports, all are
+/// connected.
 ///
 /// Values on their way over other connections are not touched. The newest value on its way over one that is cut may still
 /// arrive, and what the reader has not read yet stays there.
@@ -72,7 +73,7 @@ impl Refusal {
 /// Why the ports are not connected.
 pub fn connect(registry: &Registry, one: Name<'_>, other: Name<'_>) -> Result<(), Refusal> {
     match find(registry, one) {
-        Ok(first) => connect_end(registry, &first, one, other),
+        Ok(found) => found.ends().iter().try_for_each(|first| connect_end(registry, first, one, other)),
         Err(unknown) => wiring_services::connect(registry, one, other, unknown),
     }
 }
@@ -82,15 +83,18 @@ pub fn connect(registry: &Registry, one: Name<'_>, other: Name<'_>) -> Result<()
 /// # Errors
 /// Why the ports are not connected.
 pub fn connect_end(registry: &Registry, first: &PortEnd, one: Name<'_>, other: Name<'_>) -> Result<(), Refusal> {
-    let result = find_other(registry, one, other).and_then(|second| {
-        let result = link(first, one, &second, other);
-        if result.is_err() && !is_wired(first) {
-            leave(&second);
-        }
-        result
-    });
+    let result = find_other(registry, one, other)
+        .and_then(|found| found.ends().iter().try_for_each(|second| link_or_leave(first, one, second, other)));
     if result.is_err() {
         leave(first);
+    }
+    result
+}
+
+fn link_or_leave(first: &PortEnd, one: Name<'_>, second: &PortEnd, other: Name<'_>) -> Result<(), Refusal> {
+    let result = link(first, one, second, other);
+    if result.is_err() && !is_wired(first) {
+        leave(second);
     }
     result
 }
@@ -147,7 +151,7 @@ fn ask(client: &Requestor, from: Name<'_>, server: &Arc<Provider>, to: Name<'_>)
 /// There is no such port, or somebody else wires it all the time.
 pub fn disconnect(registry: &Registry, name: Name<'_>) -> Result<(), Refusal> {
     match find(registry, name) {
-        Ok(end) => disconnect_end(&end, name),
+        Ok(found) => found.ends().iter().try_for_each(|end| disconnect_end(end, name)),
         Err(unknown) => wiring_services::disconnect(registry, name, unknown),
     }
 }
@@ -182,7 +186,7 @@ pub(super) fn is_server(name: Name<'_>) -> Refusal {
     )
 }
 
-fn find(registry: &Registry, name: Name<'_>) -> Result<PortEnd, Refusal> {
+fn find(registry: &Registry, name: Name<'_>) -> Result<Found, Refusal> {
     let Name { slot, port } = name;
     registry.find(slot, port).map_err(|unknown| match unknown {
         Unknown::Slot => {
@@ -194,7 +198,7 @@ fn find(registry: &Registry, name: Name<'_>) -> Result<PortEnd, Refusal> {
 }
 
 /// The side that is connected to.
-fn find_other(registry: &Registry, one: Name<'_>, other: Name<'_>) -> Result<PortEnd, Refusal> {
+fn find_other(registry: &Registry, one: Name<'_>, other: Name<'_>) -> Result<Found, Refusal> {
     find(registry, other).map_err(|refusal| match refusal.cause {
         Status::Error => refusal,
         _ if wiring_services::is_service(registry, other) => wiring_services::no_pair(one, other),
@@ -481,7 +485,7 @@ mod tests {
     fn a_refusal_names_both_sides_and_leaves_the_reader_alone() {
         let rig = rig(u64::DESCRIPTOR);
         let strange = Arc::new(InPort::new("in", f64::DESCRIPTOR, Queue::Last, Checks::default()));
-        let mut entries = rig.registry.all().to_vec();
+        let mut entries = rig.registry.all();
         entries.push(Entry { slot: "d", end: PortEnd::In(Arc::clone(&strange)), is_listed: true });
         rig.registry.set(entries).unwrap();
         let d = Name { slot: "d", port: "in" };

@@ -11,7 +11,7 @@ use super::application::{Assembly, Subcomponent};
 use super::diagnostic::{Diagnostic, Level};
 use super::document::{Document, Profile};
 use super::files::{self, Files};
-use super::plan::{ConnectionPlan, ExecutorPlan, PortKind, PortRef, SlotPlan};
+use super::plan::{CompositePlan, ConnectionPlan, ExecutorPlan, Location, PortKind, PortRef, SlotPlan};
 use super::source::{Spot, Word};
 use super::wire::Port;
 use crate::model::limits;
@@ -66,6 +66,8 @@ pub struct Assembler {
     pub(super) exhausted: bool,
     /// How many composites are placed.
     composites: usize,
+    /// Those that are placed whole, inner ones first.
+    pub placed_composites: Vec<CompositePlan>,
     /// How many properties all slots have.
     pub(super) properties: usize,
     /// True where references are not followed.
@@ -189,10 +191,21 @@ impl Assembler {
         if self.composites > limits::COMPOSITES {
             return self.exhaust(slot, &format!("more than {} composites", limits::COMPOSITES));
         }
-        self.warn_of_ignored_rules(slot);
+        let name = format!("{prefix}{}", slot.name.text);
+        if self.is_declared(&name, &slot.name.spot) {
+            return Placed::Broken;
+        }
+        let inner = self.inherit(slot, inner);
         self.open.push((index, inner.name.text.clone()));
-        let (exports, slots) = self.place(files, document, inner, &format!("{prefix}{}.", slot.name.text));
+        let (exports, slots) = self.place(files, document, &inner, &format!("{name}."));
         self.open.pop();
+        self.placed_composites.push(CompositePlan {
+            name,
+            profile: inner.name.text.clone(),
+            application: self.application.clone(),
+            slots: slots.iter().filter_map(|index| self.slots.get(*index)).map(|slot| slot.name.clone()).collect(),
+            exports: exports.iter().map(|port| (port.name.clone(), port.end.clone())).collect(),
+        });
         Placed::Composite(exports, slots)
     }
 
@@ -203,18 +216,16 @@ impl Assembler {
         Placed::Broken
     }
 
-    /// A composite is no slot: what only a slot can have would be lost without a word.
-    fn warn_of_ignored_rules(&mut self, slot: &Subcomponent) {
-        const WAY_OUT: &str = "say it of the subcomponents inside the composite";
-        if let Some(rules) = &slot.fault_tolerance {
-            self.error(&rules.spot, "<fault_tolerance> of a composite is not possible", WAY_OUT);
-        }
-        if let Some(executor) = &slot.executor {
-            self.error(&executor.spot, "<executor> of a composite is not possible", WAY_OUT);
-        }
-        if let Some(property) = slot.properties.first() {
-            self.error(&property.spot, "properties of a composite are not possible", WAY_OUT);
-        }
+    /// Declares a slot or a composite; true, and reported, where there is one of that name.
+    pub(super) fn is_declared(&mut self, name: &str, spot: &Spot) -> bool {
+        let Some(first) = self.declared.get(name) else {
+            self.declared.insert(name.to_owned(), spot.clone());
+            return false;
+        };
+        let Location { file, line, .. } = first.location();
+        let message = format!("slot \"{name}\" is already declared in {}:{line}", file.display());
+        self.error(spot, message, "slots of all applications share one space of names: rename one");
+        true
     }
 
     /// Where a slot was declared.

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::application::port_kind;
 use super::diagnostic::Reporter;
-use super::plan::PortKind;
+use super::plan::{PortKind, PortRef};
 use super::source::Word;
 use super::xml::Element;
 
@@ -21,6 +21,21 @@ pub struct Export {
     pub direction: Word,
     /// Its name outside.
     pub name: Word,
+}
+
+/// A composite: at run time only names are left of it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct CompositePlan {
+    /// Its name: `head`, or `outer.head`.
+    pub name: String,
+    /// Name of its profile.
+    pub profile: String,
+    /// Its application.
+    pub application: String,
+    /// The slots in it.
+    pub slots: Vec<String>,
+    /// Its exported ports, each with the slot's port that it is; an input that feeds several is there several times.
+    pub exports: Vec<(String, PortRef)>,
 }
 
 /// Reads `<export_ports>`; empty for an application, which has none.

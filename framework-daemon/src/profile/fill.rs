@@ -8,7 +8,7 @@ use super::assemble::{Assembler, Placed};
 use super::component::{ComponentProfile, fits};
 use super::document::Profile;
 use super::files::Files;
-use super::plan::{ComponentPlan, ExecutorPlan, FaultRules, Location, Property, SecondaryPlan, SlotPlan, Trigger};
+use super::plan::{ComponentPlan, ExecutorPlan, FaultRules, Property, SecondaryPlan, SlotPlan, Trigger};
 use super::source::Spot;
 use super::suggest;
 use super::wire::{Port, describe, ports_of};
@@ -32,13 +32,9 @@ impl Assembler {
         if self.properties > limits::PROPERTIES {
             return self.exhaust(slot, &format!("more than {} properties", limits::PROPERTIES));
         }
-        if let Some(first) = self.declared.get(&name) {
-            let Location { file, line, .. } = first.location();
-            let message = format!("slot \"{name}\" is already declared in {}:{line}", file.display());
-            self.error(&slot.name.spot, message, "slots of all applications share one space of names: rename one");
+        if self.is_declared(&name, &slot.name.spot) {
             return Placed::Broken;
         }
-        self.declared.insert(name.clone(), slot.name.spot.clone());
         if component.incomplete {
             self.incomplete.insert(name.clone());
         }
@@ -119,6 +115,9 @@ impl Assembler {
         let Some(declared) = &slot.fault_tolerance else { return FaultRules::default() };
         let mut rules = declared.rules.clone();
         for secondary in &declared.references {
+            // Rules that a composite hands down name files as the file does that states them.
+            let stated = secondary.reference.spot.location().file;
+            let from = if stated.as_os_str().is_empty() { from } else { &**stated };
             let Some((_, document)) = self.follow(files, from, &secondary.reference) else { continue };
             let Some(Profile::Component(component)) = &document.profile else {
                 if document.profile.is_some() {

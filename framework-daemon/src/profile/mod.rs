@@ -50,6 +50,9 @@ pub mod assemble;
 /// A slot: what fills it, its properties, its secondaries.
 pub mod fill;
 
+/// What a composite hands down to the slots inside.
+pub mod inherit;
+
 /// Connections: both ends resolved and checked.
 pub mod wire;
 

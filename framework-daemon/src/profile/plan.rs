@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use serde::{Serialize, Serializer};
 
+pub use super::composite::CompositePlan;
 pub use super::push::PushPlan;
 pub use crate::model::schedule::{Policy, Schedule};
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
@@ -48,6 +49,8 @@ pub struct Plan {
     pub slots: Vec<SlotPlan>,
     /// Every connection, ends resolved to slots, composites' exported ports resolved to inner ones.
     pub connections: Vec<ConnectionPlan>,
+    /// Every composite, by name: what shows of it outside.
+    pub composites: Vec<CompositePlan>,
     /// Contamination between slots (not active yet).
     pub dependencies: Vec<DependencyPlan>,
     /// `coordination/depends`: pairs of slots, the second of which runs first (not active yet).

@@ -41,6 +41,8 @@ pub fn finish(
     let Validator { assembler, mut plan } = validator;
     plan.slots = assembler.slots;
     plan.connections = assembler.connections;
+    plan.composites = assembler.placed_composites;
+    plan.composites.sort_by(|one, other| one.name.cmp(&other.name));
     findings.extend(assembler.findings);
     plan
 }
@@ -62,6 +64,7 @@ fn empty_plan(dir: &Path, system: Option<&Document>) -> Plan {
         applications: Vec::new(),
         slots: Vec::new(),
         connections: Vec::new(),
+        composites: Vec::new(),
         dependencies: Vec::new(),
         order: Vec::new(),
         monitors: Vec::new(),

@@ -104,7 +104,7 @@ fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>, given_up: &Atom
     }
     let connections = &system.plan.connections;
     let wiring = wiring::build(&[], connections, &system.slots).map_err(BootError::Plugins)?;
-    wiring::announce(&system.registry, &system.slots);
+    wiring::announce(&system.registry, &system.slots, &system.plan.composites);
     wiring::apply(&wiring, &system.slots);
     rank(&system.slots, connections);
     go_on()?;

@@ -132,7 +132,7 @@ fn commit(system: &mut System, slots: Vec<Placed>, wiring: &Wiring, changes: &Ch
     for old in &leaving {
         warn_if_stuck(old, old.executor.stop_member(old.member, STEP).is_err());
     }
-    wiring::announce(&system.registry, &slots);
+    wiring::announce(&system.registry, &slots, &system.plan.composites);
     wiring::disconnect(&leaving);
     wiring::apply(wiring, &slots);
     for old in &leaving {

@@ -10,12 +10,13 @@ use super::blueprint::Blueprint;
 use super::events::{self, EventWiring};
 use super::services::{self, Calls};
 use super::system::{Placed, by_name};
+use crate::exec::slot::Slot;
 use crate::port::border::PortEnd;
 use crate::port::check::Checks;
 use crate::port::input::InPort;
-use crate::port::registry::{Entry, Registry};
+use crate::port::registry::{Entry, Export, Registry};
 use crate::port::wiring::{self, Planned};
-use crate::profile::plan::{ConnectionPlan, Location, PortKind, PortRef};
+use crate::profile::plan::{CompositePlan, ConnectionPlan, Location, PortKind, PortRef};
 
 /// What plans say about one reader.
 pub struct Reader {
@@ -175,19 +176,38 @@ pub fn disconnect(slots: &[Placed]) {
     events::disconnect(slots);
 }
 
-/// Tells whoever wires at run time which ports there are.
-pub fn announce(registry: &Registry, slots: &[Placed]) {
+/// Tells whoever wires at run time which ports there are, and which of them composites show.
+pub fn announce(registry: &Registry, slots: &[Placed], composites: &[CompositePlan]) {
     let entries = slots.iter().flat_map(|Placed { slot, .. }| {
-        let inputs = slot.inputs.iter().cloned().map(PortEnd::In);
-        let data = inputs.chain(slot.outputs.iter().cloned().map(PortEnd::Out));
-        let clients = slot.requestors.iter().cloned().map(PortEnd::Requestor);
-        let ends = data.chain(clients).chain(slot.providers.iter().cloned().map(PortEnd::Provider));
-        let ends = ends.chain(slot.events.ends());
-        ends.map(|end| Entry { slot: slot.name, is_listed: !slot.unlisted.contains(&end.name()), end })
+        ends(slot).map(|end| Entry { slot: slot.name, is_listed: !slot.unlisted.contains(&end.name()), end })
     });
-    if registry.set(entries.collect()).is_err() {
+    let exports = composites.iter().flat_map(|composite| exports(composite, slots)).collect();
+    if registry.set_all(entries.collect(), exports).is_err() {
         tracing::error!("the names of the ports are being changed all the time");
     }
+}
+
+fn ends(slot: &Slot) -> impl Iterator<Item = PortEnd> {
+    let inputs = slot.inputs.iter().cloned().map(PortEnd::In);
+    let data = inputs.chain(slot.outputs.iter().cloned().map(PortEnd::Out));
+    let clients = slot.requestors.iter().cloned().map(PortEnd::Requestor);
+    let services = clients.chain(slot.providers.iter().cloned().map(PortEnd::Provider));
+    data.chain(services).chain(slot.events.ends())
+}
+
+/// What a composite shows: each name once, with all that it stands for. What a component keeps for itself is not shown.
+fn exports(composite: &CompositePlan, slots: &[Placed]) -> Vec<Export> {
+    let mut shown: Vec<Export> = Vec::new();
+    for (name, inner) in &composite.exports {
+        let Some(placed) = slots.iter().find(|placed| placed.slot.name == inner.slot) else { continue };
+        let listed = !placed.slot.unlisted.contains(&inner.port.as_str());
+        let Some(end) = ends(&placed.slot).find(|end| listed && end.name() == inner.port) else { continue };
+        match shown.iter_mut().find(|export| export.port == *name) {
+            Some(export) => export.ends.push(end),
+            None => shown.push(Export { composite: composite.name.clone(), port: name.clone(), ends: vec![end] }),
+        }
+    }
+    shown
 }
 
 /// What is wrong with a `field` of a `validity`.

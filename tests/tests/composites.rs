@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 use tests::asking::ask;
-use tests::profiles::{Profiles, application, slot};
+use tests::profiles::{Profiles, application, plugin_dir, slot};
 use tests::running::Running;
 
 /// A composite of these subcomponents, and what it shows: `inner.port -> name`.
@@ -22,6 +22,9 @@ fn composite(name: &str, slots: &[String], inside: &[&str], shown: &[&str]) -> S
 }
 
 const RULES: &str = "<executor>main</executor><fault_tolerance><severity>reset</severity></fault_tolerance>";
+
+/// A sender that runs no cases.
+const IDLE: &str = "<properties><property name=\"run\">nothing</property></properties>";
 
 fn property(name: &str, value: &str) -> String {
     format!("<properties><property name=\"{name}\">{value}</property></properties>")
@@ -152,5 +155,29 @@ fn a_reload_renames_what_a_composite_shows_and_touches_no_slot() {
     daemon.signal("HUP");
     daemon.wait_for("changed [head.ticker]");
     daemon.wait_for("head.ticker: starts at 2000");
+    daemon.stop();
+}
+
+#[test]
+fn a_service_with_methods_is_shown_by_one_name() {
+    let profiles = Profiles::new(&application(&[slot("box", "Box", ""), slot("caller", "Sender", IDLE)], &[]));
+    profiles.describe(&plugin_dir().join("libsends.so"));
+    let inside = composite("Box", &[slot("board", "Board", "")], &[], &["board.board -> motors"]);
+    profiles.write("Box.xml", &inside.replace("<port_type>data</port_type>", "<port_type>service</port_type>"));
+    let mut daemon = Running::start(profiles.path(), &[]);
+    let shown = told(&daemon, "port list box");
+    assert!(
+        shown.iter().all(|port| port["port"].as_str().is_some_and(|name| name.starts_with("motors/"))),
+        "{shown:?}"
+    );
+    assert!(!shown.is_empty());
+    assert_eq!(ask(&daemon, "connect caller.nobody box.motors").code, Some(0));
+    let called = || -> Vec<Value> {
+        let own = |port: &Value| port["port"].as_str().is_some_and(|name| name.starts_with("nobody/"));
+        told(&daemon, "port list caller").into_iter().filter(own).map(|port| port["connections"].clone()).collect()
+    };
+    assert!(called().iter().all(|ends| ends[0].as_str().is_some_and(|end| end.starts_with("box.board.board/"))));
+    assert_eq!(ask(&daemon, "connect caller.nobody box.engines").code, Some(6));
+    assert!(called().iter().all(|ends| *ends == serde_json::json!([])));
     daemon.stop();
 }

@@ -63,12 +63,17 @@ fn shown(directory: &Directory, composite: &CompositePlan) -> Value {
 
 fn ports(directory: &Directory, composite: &CompositePlan, wires: &Wires) -> Vec<Value> {
     let exported = |(name, inner): &(String, PortRef)| {
-        let ports = views::ports(directory.entry(&inner.slot)?, wires);
-        let mut port = ports.into_iter().find(|port| port["port"] == inner.port.as_str())?;
-        port["slot"] = composite.name.as_str().into();
-        port["port"] = name.as_str().into();
-        port["is"] = format!("{}.{}", inner.slot, inner.port).into();
-        Some(port)
+        let all = directory.entry(&inner.slot).map(|entry| views::ports(entry, wires)).unwrap_or_default();
+        // The port itself, or the methods of a service: `motors/drive`.
+        let shown = |mut port: Value| {
+            let own = port["port"].as_str()?.to_owned();
+            let method = own.strip_prefix(&inner.port).filter(|rest| rest.is_empty() || rest.starts_with('/'))?;
+            port["slot"] = composite.name.as_str().into();
+            port["port"] = format!("{name}{method}").into();
+            port["is"] = format!("{}.{own}", inner.slot).into();
+            Some(port)
+        };
+        all.into_iter().filter_map(shown).collect::<Vec<_>>()
     };
-    composite.exports.iter().filter_map(exported).collect()
+    composite.exports.iter().flat_map(exported).collect()
 }

@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
+use super::composites;
 use super::decode::{Unreadable, decode};
 use super::directory::{Directory, Entry};
 use super::interface::{PortName, Refusal};
@@ -44,7 +45,7 @@ impl Echo {
     /// # Errors
     /// When there is no such port, or it carries no values.
     pub(super) fn new(directory: Arc<Directory>, name: PortName, now: Instant) -> Result<Self, Refusal> {
-        let taps = taps(&directory, &name)?;
+        let taps = taps(&directory, &composites::inner(&directory, &name))?;
         Ok(Self { name, taps, directory, looked: now })
     }
 

@@ -36,8 +36,10 @@ pub struct Export {
     pub composite: String,
     /// The port's name there.
     pub port: String,
-    /// What it is: one, or several readers.
+    /// What it is: one, or several readers; none where it is a service with methods.
     pub ends: Vec<PortEnd>,
+    /// The slot's service that it is: slot and name.
+    pub service: Option<(String, String)>,
 }
 
 /// All ports of the running system, in the order of their own names.
@@ -162,6 +164,14 @@ impl Registry {
         own.map(|entry| Found::One(entry.end.clone())).ok_or(Unknown::Port)
     }
 
+    /// The slot's service that a composite shows by that name: slot and name.
+    #[must_use]
+    pub fn service(&self, composite: &str, port: &str) -> Option<(String, String)> {
+        let directory = self.ports.visit(Arc::clone).ok()?;
+        let mut exports = directory.exports.iter();
+        exports.find(|export| export.composite == composite && export.port == port)?.service.clone()
+    }
+
     /// The port at that address, whether others find it or not.
     ///
     /// # Errors
@@ -214,7 +224,8 @@ fn exported(directory: Directory, listings: &[Listing], slot: &str, port: &str) 
     let unknown = if own.peek().is_some() { Unknown::Port } else { Unknown::Slot };
     let is_hidden =
         |end: &PortEnd| listings.iter().any(|listing| listing.address == end.address() && listing.name.is_none());
-    let found = own.find(|(_, export)| export.port == port && !export.ends.iter().any(is_hidden));
+    let is_it = |export: &Export| export.port == port && !export.ends.is_empty();
+    let found = own.find(|(_, export)| is_it(export) && !export.ends.iter().any(is_hidden));
     let place = found.map(|(place, _)| place).ok_or(unknown)?;
     Ok(Found::Exported(Exported(directory, place)))
 }

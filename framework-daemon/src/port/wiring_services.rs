@@ -50,6 +50,8 @@ impl Ends {
 /// # Errors
 /// Why they are not connected. What was to be connected has no connection then.
 pub(super) fn connect(registry: &Registry, one: Name<'_>, other: Name<'_>, unknown: Refusal) -> Result<(), Refusal> {
+    let (one, other) = (inner(registry, one), inner(registry, other));
+    let (one, other) = (named(&one), named(&other));
     let (ends, others) = (Ends::of(registry, one.slot), Ends::of(registry, other.slot));
     if !ends.have(one) {
         return Err(unknown);
@@ -68,7 +70,17 @@ pub(super) fn connect(registry: &Registry, one: Name<'_>, other: Name<'_>, unkno
 
 /// True when that name is one of a service with methods.
 pub(super) fn is_service(registry: &Registry, name: Name<'_>) -> bool {
-    Ends::of(registry, name.slot).have(name)
+    let name = inner(registry, name);
+    Ends::of(registry, &name.0).have(named(&name))
+}
+
+/// Slot and name of the service that a composite shows by a name; any other name stands for itself.
+fn inner(registry: &Registry, name: Name<'_>) -> (String, String) {
+    registry.service(name.slot, name.port).unwrap_or_else(|| (name.slot.to_owned(), name.port.to_owned()))
+}
+
+fn named((slot, port): &(String, String)) -> Name<'_> {
+    Name { slot, port }
 }
 
 /// Two ports, neither of which answers what the other one calls.
@@ -107,7 +119,8 @@ fn refusal(from: Name<'_>, to: Name<'_>, Mismatch { asked, served, difference }:
 /// # Errors
 /// There is no such service, or it is a provided one.
 pub(super) fn disconnect(registry: &Registry, name: Name<'_>, unknown: Refusal) -> Result<(), Refusal> {
-    let ends = Ends::of(registry, name.slot);
+    let name = inner(registry, name);
+    let (ends, name) = (Ends::of(registry, &name.0), named(&name));
     if ends.leave(name) {
         return Ok(());
     }

@@ -11,6 +11,7 @@ use serde::{Serialize, Serializer};
 
 pub use super::composite::CompositePlan;
 pub use super::push::PushPlan;
+pub use super::system::OnTaint;
 pub use crate::model::schedule::{Policy, Schedule};
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
@@ -81,17 +82,6 @@ pub struct SystemPlan {
     pub emergency: Vec<String>,
     /// What to do when shared memory may be damaged.
     pub on_taint: OnTaint,
-}
-
-/// What to do when memory that all components share may be damaged.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum OnTaint {
-    /// Go on; the journal says so.
-    #[default]
-    Continue,
-    /// Restart the daemon, warm, with checkpoints.
-    Restart,
 }
 
 /// Another daemon.

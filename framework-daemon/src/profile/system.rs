@@ -8,11 +8,22 @@ use serde::Serialize;
 use super::application::{Dependency, dependency};
 use super::component::check_period;
 use super::diagnostic::Reporter;
-use super::plan::{ExecutorPlan, NodePlan, OnTaint, Policy, Schedule, SystemPlan};
+use super::plan::{ExecutorPlan, NodePlan, Policy, Schedule, SystemPlan};
 use super::quantity;
 use super::source::Word;
 use super::xml::Element;
 use crate::model::limits;
+
+/// What to do when memory that all components share may be damaged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OnTaint {
+    /// Go on; the journal says so.
+    #[default]
+    Continue,
+    /// Restart the daemon, warm, with checkpoints.
+    Restart,
+}
 
 /// The system as written: names of slots and applications not yet resolved.
 #[derive(Clone, Debug, Serialize)]

@@ -201,10 +201,19 @@ fn exports(composite: &CompositePlan, slots: &[Placed]) -> Vec<Export> {
     for (name, inner) in &composite.exports {
         let Some(placed) = slots.iter().find(|placed| placed.slot.name == inner.slot) else { continue };
         let listed = !placed.slot.unlisted.contains(&inner.port.as_str());
-        let Some(end) = ends(&placed.slot).find(|end| listed && end.name() == inner.port) else { continue };
-        match shown.iter_mut().find(|export| export.port == *name) {
-            Some(export) => export.ends.push(end),
-            None => shown.push(Export { composite: composite.name.clone(), port: name.clone(), ends: vec![end] }),
+        let found = ends(&placed.slot).find(|end| listed && end.name() == inner.port);
+        // A service's ports are those of its methods.
+        let is_method = |end: PortEnd| end.name().split_once('/').is_some_and(|(service, _)| service == inner.port);
+        let is_service = found.is_none() && ends(&placed.slot).any(is_method);
+        match (found, shown.iter_mut().find(|export| export.port == *name)) {
+            (Some(end), Some(export)) => export.ends.push(end),
+            (None, _) if !is_service => {}
+            (found, _) => shown.push(Export {
+                composite: composite.name.clone(),
+                port: name.clone(),
+                ends: found.into_iter().collect(),
+                service: is_service.then(|| (inner.slot.clone(), inner.port.clone())),
+            }),
         }
     }
     shown

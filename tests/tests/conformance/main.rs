@@ -3,8 +3,10 @@
 
 mod allocation;
 mod check;
+mod component;
 mod event;
 mod links;
+mod paper;
 mod push;
 mod query;
 mod requestor;

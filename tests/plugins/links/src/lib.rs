@@ -2,6 +2,7 @@
 //!
 //! The wirer runs one case in each callback and logs how it went. It begins each with nothing connected and leaves it so.
 
+mod paper;
 mod peers;
 mod requestor;
 mod wiring;
@@ -42,6 +43,14 @@ macro_rules! wiring_cases {
             removed_port_keeps_connection_unknown_to_masters, duplicate_port_name,
             masters_at_once_are_serialised_per_port, rewire_under_traffic_loses_nothing_elsewhere,
         }
+    };
+}
+
+/// What the paper promises beside its patterns' tables.
+#[macro_export]
+macro_rules! paper_cases {
+    ($then:ident $($arguments:tt)*) => {
+        $then! { $($arguments)* three_ways_to_be_wired, add_remove, connect_any_time, by_value }
     };
 }
 
@@ -98,7 +107,7 @@ pub struct Wirer {
     /// Values, found by nobody.
     #[port(unlisted)]
     overheard: DataIn<u64>,
-    /// Which cases: `requestor`, `wiring`, or none.
+    /// Which cases: `requestor`, `wiring`, `paper`, or none.
     #[property(default = "requestor")]
     run: String,
     next: usize,
@@ -109,6 +118,7 @@ impl Callbacks for Wirer {
         let all = match self.run.as_str() {
             "requestor" => requestor::ALL,
             "wiring" => wiring::ALL,
+            "paper" => paper::ALL,
             _ => return Ok(()),
         };
         self.next = cases::run(all, self.next, self, cx);

@@ -127,6 +127,7 @@ fn a_composite_is_shown_with_its_slots_and_hands_down_what_is_said_of_it() {
     assert!(all.iter().any(|port| port["slot"] == "head" && port["port"] == "said"), "{all:?}");
     let rate = told(&daemon, "port hz head.said --window 0.1 --count 1");
     assert_eq!(rate[0]["rate"]["measured_at"], "listener.heard");
+    assert_eq!(told(&daemon, "port echo head.said --count 1").len(), 1);
     let wrong = ask(&daemon, "component info haed");
     assert!(wrong.code == Some(6) && wrong.err.contains("`head`"), "{}", wrong.err);
     daemon.stop();

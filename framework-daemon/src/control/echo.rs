@@ -45,7 +45,7 @@ impl Echo {
     /// # Errors
     /// When there is no such port, or it carries no values.
     pub(super) fn new(directory: Arc<Directory>, name: PortName, now: Instant) -> Result<Self, Refusal> {
-        let taps = taps(&directory, &composites::inner(&directory, &name))?;
+        let taps = taps(&directory, &name)?;
         Ok(Self { name, taps, directory, looked: now })
     }
 
@@ -94,6 +94,7 @@ impl Echo {
 }
 
 fn taps(directory: &Directory, name: &PortName) -> Result<Vec<Tap>, Refusal> {
+    let name = &*composites::inner(directory, name);
     let tap = |(writer, from)| {
         Tap::new(writer, from).ok_or_else(|| {
             let reason =

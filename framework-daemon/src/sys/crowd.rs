@@ -22,7 +22,7 @@ impl Crowd {
     /// A place for a task; `None`: there is none left.
     pub fn join(&self) -> Option<usize> {
         self.wakers.get_or_init(Box::default);
-        let free = |taken: u32| Some(taken | 1 << taken.trailing_ones()).filter(|_| taken.trailing_ones() < 32);
+        let free = |taken: u32| 1u32.checked_shl(taken.trailing_ones()).map(|place| taken | place);
         let before = self.taken.fetch_update(Ordering::SeqCst, Ordering::SeqCst, free).ok()?;
         Some(before.trailing_ones() as usize)
     }

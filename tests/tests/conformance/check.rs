@@ -3,7 +3,7 @@
 use std::process::Command;
 
 use tests::daemon_binary::daemon_binary;
-use tests::profiles::{Profiles, plugin_dir};
+use tests::profiles::{Profiles, connection_of, plugin_dir};
 
 use crate::query::profiles;
 use crate::rig::Transport;
@@ -27,6 +27,8 @@ fn declared_end_is_a_wireable_port() {
 fn wired_at_boot_incompatible_is_refused_at_load() {
     let profiles = profiles(Transport::Near, "all");
     profiles.replace("app.xml", "<reference>Echo.xml</reference>", "<reference>OtherEcho.xml</reference>");
+    // The other one asks nobody.
+    profiles.replace("app.xml", &connection_of("service", "echo.back -> asker.answers", ""), "");
     let (is_good, text) = check(&profiles);
     assert!(!is_good, "{text}");
     for part in ["teller.onward asks Ask for Told", "echo.told answers", "layouts differ"] {
@@ -43,7 +45,7 @@ fn wrong_pattern_incompatible() {
     let (_, after) = rest.split_once("</service_port>").unwrap();
     profiles.write("Asker.xml", &format!("{before}{port}{after}"));
     let app = std::fs::read_to_string(profiles.path().join("app.xml")).unwrap();
-    let link = tests::profiles::connection_of("service", "asker.tell -> teller.told", "");
+    let link = connection_of("service", "asker.tell -> teller.told", "");
     profiles.write("app.xml", &app.replace(&link, ""));
     let (is_good, text) = check(&profiles);
     assert!(!is_good && text.contains("port `tell` is a <service_port> in the plugin, not a <data_port>"), "{text}");

@@ -14,5 +14,6 @@ mod rig;
 mod send;
 mod service;
 mod state;
+mod status;
 mod threads;
 mod wiring;

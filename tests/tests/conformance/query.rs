@@ -22,6 +22,7 @@ pub(crate) fn profiles(transport: Transport, run: &str) -> Profiles {
         connection_of("service", "asker.own -> asker.answers", ""),
         connection_of("service", "teller.onward -> echo.told", ""),
         connection_of("service", "teller.back -> asker.answers", ""),
+        connection_of("service", "echo.back -> asker.answers", ""),
     ];
     let text =
         application(&slots, &[]).replace("</port_connections>", &format!("{}</port_connections>", links.concat()));
@@ -102,6 +103,22 @@ fn reload_while_parked() {
         daemon.signal("HUP");
         daemon.wait_for("waited: Err(Cancelled)");
         daemon.wait_for_lines("waits", 2);
+        let slots = daemon.stop();
+        assert!(slots.iter().all(|slot| slot["faults"] == 0), "{slots:?}");
+    }
+}
+
+#[test]
+fn remove_while_parked() {
+    for transport in [Transport::Near, Transport::Far] {
+        let (profiles, mut daemon) = waiting(transport);
+        // Its successor has another name: the plan has it no longer.
+        let text = std::fs::read_to_string(profiles.path().join("app.xml")).expect("written");
+        profiles.write("app.xml", &text.replace("asker", "inquirer"));
+        daemon.signal("HUP");
+        daemon.wait_for("waited: Err(Cancelled)");
+        daemon.wait_for("removed [asker]");
+        daemon.wait_for("inquirer: waits");
         let slots = daemon.stop();
         assert!(slots.iter().all(|slot| slot["faults"] == 0), "{slots:?}");
     }

@@ -4,6 +4,7 @@
 
 mod crowd;
 mod more;
+mod server;
 mod teller;
 mod told;
 
@@ -31,8 +32,12 @@ macro_rules! query_cases {
             new_waits_are_cancelled_at_once, gates_are_checked_before_blocking, cancelling_does_not_consume,
             answer_after_a_cancelled_query_is_ok, wait_with_memory_query, busy_slot_gets_no_second_callback,
             parked_callback_is_no_hang, vector_query_connection, vector_query_out_of_order_and_discard,
-            vector_query_disconnect_while_others_wait, vector_query_two_services, active_handler_survives_50000,
-            handler_panic_is_contained_and_client_released, queued_calls_survive_a_panic, retry_asks_the_successor_once_each, server_crash_next_call,
+            vector_query_disconnect_while_others_wait, vector_query_two_services,
+            handler_is_called_with_server_id_request, answer_inside_the_handler, answer_after_client_left,
+            server_ids_map_to_client_and_its_id, passive_slow_handler_blocks_its_slot_only,
+            query_disconnected_while_pending, receive_disconnected_consumes, receive_wait_disconnected_consumes,
+            cycle_of_three_over_executors, active_handler_survives_50000,
+            handler_trap_is_contained_and_client_released, handler_panic_is_contained_and_client_released, queued_calls_survive_a_panic, retry_asks_the_successor_once_each, server_crash_next_call,
             queued_calls_survive_a_replacement, server_crash_releases_the_waiter, handler_hang_is_ended_and_client_released,
         }
     };
@@ -88,6 +93,16 @@ pub mod todo {
     pub const REPORT: u32 = 12;
     /// Trap in the first instance, answer in its successor.
     pub const TRAP_ONCE: u32 = 13;
+    /// Answer, and report what came of that.
+    pub const ANSWER_AND_NOTE: u32 = 14;
+    /// Disconnect the asker, and keep the query.
+    pub const CUT: u32 = 15;
+    /// Ask the third component, which keeps the query, and pass on what it says.
+    pub const ONWARD_KEEP: u32 = 16;
+    /// Tell how many are kept.
+    pub const KEPT: u32 = 17;
+    /// Ask the third component, which asks the asker; tells the status that this ends with.
+    pub const ROUND: u32 = 18;
 }
 
 /// Runs the cases, one in each period.

@@ -7,6 +7,8 @@ use component_sdk::prelude::*;
 
 use crate::{Ask, Told, todo};
 
+const LONG: Duration = Duration::from_secs(30);
+
 /// Answers, keeps, forgets, fails, asks others.
 #[derive(Component)]
 #[component(name = "Teller", version = "1.0", periodic = "2ms")]
@@ -52,6 +54,19 @@ impl Teller {
         match query.todo {
             todo::KEEP => self.kept.push(query.keep()),
             todo::LATER => self.later.push(query.keep()),
+            todo::CUT => {
+                cx.wiring().disconnect(("asker", "tell"))?;
+                self.kept.push(query.keep());
+            }
+            todo::ANSWER_AND_NOTE => {
+                self.last = u32::MAX;
+                self.last = query.answer(told(number + 1)).map_or_else(Status::code, |()| 0);
+            }
+            todo::ONWARD_KEEP | todo::ROUND => {
+                let onward = if query.todo == todo::ROUND { todo::ROUND } else { todo::KEEP };
+                let answer = self.onward.query_within(Ask { todo: onward, number }, LONG)?.number;
+                query.answer(told(answer))?;
+            }
             todo::LET_GO => {
                 let count = self.kept.len() as u64;
                 for pending in self.kept.drain(..).rev() {
@@ -98,19 +113,42 @@ fn hang() {
     }
 }
 
-/// Answers with the number and ten.
+/// Answers with the number and ten, or later.
 #[derive(Component)]
 #[component(name = "Echo", version = "1.0", passive)]
 pub struct Echo {
     #[port(handler = on_ask)]
     told: QueryServer<Ask, Told>,
+    /// To the asker.
+    #[port]
+    back: QueryClient<Ask, Told>,
+    kept: Vec<Pending<Ask, Told>>,
 }
 
 impl Callbacks for Echo {}
 
 impl Echo {
     fn on_ask(&mut self, _: &mut Context<'_>, query: Query<'_, Ask, Told>) -> Outcome {
-        let number = query.number + 10;
+        let number = match query.todo {
+            todo::KEEP => {
+                self.kept.push(query.keep());
+                return Ok(());
+            }
+            todo::KEPT => self.kept.len() as u64,
+            todo::LET_GO => {
+                let count = self.kept.len() as u64;
+                for pending in self.kept.drain(..) {
+                    let number = pending.request()?.number + 10;
+                    pending.answer(Told { number, handled: 0 })?;
+                }
+                count
+            }
+            todo::ROUND => {
+                let end = self.back.query(Ask { todo: todo::ANSWER, number: query.number }).err();
+                end.map_or(0, |status| u64::from(status.code()))
+            }
+            _ => query.number + 10,
+        };
         let mut answer = query.loan()?;
         answer.number = number;
         answer.send()?;

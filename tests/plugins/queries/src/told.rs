@@ -12,6 +12,12 @@ use crate::more::{
     parked_callback_is_no_hang, vector_query_connection, vector_query_disconnect_while_others_wait,
     vector_query_out_of_order_and_discard, vector_query_two_services, wait_with_memory_query,
 };
+use crate::server::{
+    answer_after_client_left, answer_inside_the_handler, cycle_of_three_over_executors,
+    handler_is_called_with_server_id_request, handler_trap_is_contained_and_client_released,
+    passive_slow_handler_blocks_its_slot_only, query_disconnected_while_pending, receive_disconnected_consumes,
+    receive_wait_disconnected_consumes, server_ids_map_to_client_and_its_id,
+};
 use crate::{Ask, Asker, Told, todo};
 
 crate::query_cases!(table Asker;);

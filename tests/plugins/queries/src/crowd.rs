@@ -17,6 +17,23 @@ static BEGAN: OnceLock<Instant> = OnceLock::new();
 /// Questions that a port may have open, where its profile says nothing.
 const PENDING: usize = 8;
 const PATIENCE: Duration = Duration::from_secs(20);
+/// Callbacks from one look at the places to the next.
+const BETWEEN_LOOKS: u32 = 50;
+
+/// How far one is on its way to rest. Each step is a callback of its own: nobody is served in the middle of one, and two
+/// that waited for each other there would wait for ever.
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+enum Rest {
+    /// It asks and answers.
+    #[default]
+    No,
+    /// It asks no more; some of its questions are open.
+    Settles,
+    /// All had their ends. Servers may still have what was given up. So many callbacks ago.
+    Waits(u32),
+    /// All its places were free again, or its patience ended.
+    Full,
+}
 
 /// One of many.
 #[derive(Component)]
@@ -46,7 +63,7 @@ pub struct Member {
     acts: u64,
     asked: u64,
     answered: u64,
-    is_settled: bool,
+    rest: Rest,
 }
 
 /// What the answer to a question is.
@@ -79,13 +96,19 @@ impl Callbacks for Member {
     }
 
     fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
-        if BEGAN.get_or_init(Instant::now).elapsed() < Duration::from_millis(self.busy_ms) {
-            for _ in 0..8 {
-                self.act(cx);
+        let busy = Duration::from_millis(self.busy_ms);
+        let elapsed = BEGAN.get_or_init(Instant::now).elapsed();
+        let is_last = elapsed > busy + PATIENCE;
+        match self.rest {
+            Rest::No if elapsed < busy => (0..8).for_each(|_| self.act(cx)),
+            Rest::No | Rest::Settles => self.settle(is_last, cx),
+            Rest::Waits(callbacks) => {
+                self.rest = Rest::Waits(callbacks + 1);
+                if callbacks.is_multiple_of(BETWEEN_LOOKS) {
+                    self.look_at_places(is_last, cx);
+                }
             }
-        } else if !self.is_settled {
-            self.is_settled = true;
-            self.settle(cx);
+            Rest::Full => {}
         }
         Ok(())
     }
@@ -105,7 +128,7 @@ impl Member {
 
     fn on_ask(&mut self, cx: &mut Context<'_>, query: Query<'_, Ask, Told>) -> Outcome {
         let told = Told { number: answer_to(query.number), handled: 0 };
-        let draw = if self.is_settled { 0 } else { self.below(16) };
+        let draw = if self.rest == Rest::No { self.below(16) } else { 0 };
         match draw {
             // More than it may hold would keep others from being heard.
             10..13 if self.kept.len() < 16 => self.kept.push(query.keep()),
@@ -238,41 +261,46 @@ impl Member {
         }
     }
 
-    /// Every question comes to its end, and every place is free again.
-    fn settle(&mut self, cx: &Context<'_>) {
+    /// Every question comes to its end.
+    fn settle(&mut self, is_last: bool, cx: &Context<'_>) {
         while !self.kept.is_empty() {
             self.answer_kept();
         }
         let _ = (self.one.blocking(true), self.two.blocking(true));
-        let began = cx.clock();
-        while let Some((first, number, id)) = self.open.pop() {
-            let end = self.port(first).receive_wait_within(id, Duration::from_millis(5)).map(|told| told.number);
-            if matches!(end, Err(Status::Timeout | Status::Cycle)) && cx.clock().since(began) < PATIENCE {
-                // Its server may be in the middle of the same.
-                let _ = cx.sleep(Duration::from_millis(1));
+        for (first, number, id) in std::mem::take(&mut self.open) {
+            let end = self.port(first).receive_wait_within(id, Duration::from_millis(1)).map(|told| told.number);
+            if !matches!(end, Err(Status::Timeout | Status::Cycle)) {
+                self.judge(number, end, cx);
+            } else if is_last {
+                error!(cx, "wrong: a question without an end, {number}: {end:?}");
+            } else {
                 self.open.push((first, number, id));
-                continue;
             }
-            self.right(cx, number, "a question without an end", |_| end != Err(Status::Timeout));
-            self.judge(number, end, cx);
         }
-        self.check_places(cx);
-        info!(cx, "settled: {} asked, {} answered", self.asked, self.answered);
+        self.rest = if self.open.is_empty() { Rest::Waits(1) } else { Rest::Settles };
     }
 
-    fn check_places(&mut self, cx: &Context<'_>) {
-        // Servers may still have what was given up.
-        let _ = cx.sleep(Duration::from_millis(200));
-        for first in [true, false] {
-            self.connect(first, self.me, cx);
-            let ids: Vec<_> =
-                (0..=PENDING).filter_map(|_| self.port(first).request(Ask { todo: 0, number: 0 }).ok()).collect();
-            if ids.len() != PENDING {
-                error!(cx, "wrong: {} places instead of {PENDING}", ids.len());
-            }
-            for id in ids {
-                self.right(cx, 0, "a discard", |this| this.port(first).discard(id).is_ok());
-            }
+    /// Whether every place is free again.
+    fn look_at_places(&mut self, is_last: bool, cx: &Context<'_>) {
+        let free = [true, false].map(|first| self.free_places(first, cx));
+        let is_full = free == [PENDING; 2];
+        if !is_full && is_last {
+            error!(cx, "wrong: {free:?} places instead of {PENDING}");
         }
+        if is_full || is_last {
+            self.rest = Rest::Full;
+            info!(cx, "settled: {} asked, {} answered", self.asked, self.answered);
+        }
+    }
+
+    fn free_places(&mut self, first: bool, cx: &Context<'_>) -> usize {
+        self.connect(first, self.me, cx);
+        let ids: Vec<_> =
+            (0..=PENDING).filter_map(|_| self.port(first).request(Ask { todo: 0, number: 0 }).ok()).collect();
+        let free = ids.len();
+        for id in ids {
+            self.right(cx, 0, "a discard", |this| this.port(first).discard(id).is_ok());
+        }
+        free
     }
 }

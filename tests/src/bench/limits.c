@@ -48,7 +48,7 @@ static struct sigaction jumping(void)
 }
 
 /* Volatile itself: the compiler is not to see where it leads. */
-static uint32_t *volatile nowhere = (uint32_t *)8;
+static volatile uint32_t *volatile nowhere = (volatile uint32_t *)8;
 
 /* SIGSEGV, siglongjmp without a mask, a call: nanoseconds. The handler is ours only meanwhile. */
 uint64_t limit_trap(void (*call)(void))

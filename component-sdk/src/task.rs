@@ -26,7 +26,8 @@
 //! ```
 //!
 //! What the task uses is moved into it: a port that was taken leaves a closed one behind. So a port has one user, which the
-//! compiler sees to, and nobody needs a lock.
+//! compiler sees to, and nobody needs a lock. Handlers are the component's own: none is entered for a port that was taken. A
+//! server whose handler has much to do keeps its port, and leaves the work to a task.
 //!
 //! A task may wait, as `on_execute` may; what it does between two waits must take no longer than a callback may
 //! ([`Task::budget`](crate::task::Task::budget) says otherwise). Whatever ends it but its own return is a fault of its component: after a trap or a

@@ -21,7 +21,10 @@ fn profiles(transport: Transport, run: &str) -> Profiles {
         connection_of("service", "tasker.ask -> victim.asked", ""),
         connection_of("service", "tasker.beside -> victim.asked", ""),
         connection_of("service", "tasker.own -> tasker.worked", ""),
-        connection_of("service", "tasker.own_later -> tasker.kept", ""),
+        connection_of("service", "tasker.third -> victim.asked", ""),
+        connection_of("service", "tasker.orders -> tasker.queued", ""),
+        connection_of("data", "tasker.feed -> tasker.fed", ""),
+        connection_of("data", "victim.timed -> tasker.clock", ""),
         connection_of("service", "victim.back -> tasker.worked", ""),
         connection_of("data", "tasker.sent -> tasker.heard", ""),
     ];

@@ -2,10 +2,10 @@
 //!
 //! The tasker runs one case in each callback and logs how it went; the victim does to itself what it is asked to, on a task.
 
+mod more;
 mod told;
 mod victim;
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -20,8 +20,10 @@ macro_rules! task_cases {
         $then! {
             $($arguments)*
             task_runs_stops_joins, task_cancelled_flag, task_sleep, task_periodic_entry_execute_exit, trigger_timed,
-            trigger_query_queue, trigger_wait_cancelled_timeout_not_activated, answer_later_from_a_task,
-            active_handler_is_one_worker_fifo, a_port_that_was_taken_is_closed, more_tasks_than_allowed_are_refused,
+            trigger_query_queue, trigger_input_prescale, send_queued_by_a_task_is_fifo, queued_timed_handler,
+            handlers_of_a_slot_run_one_at_a_time, wait_on_own_std_thread_is_refused,
+            wait_while_panicking_is_cancelled, no_method_panics_or_throws,
+            trigger_wait_cancelled_timeout_not_activated, answer_later_from_a_task, active_handler_is_one_worker_fifo, a_port_that_was_taken_is_closed, more_tasks_than_allowed_are_refused,
             a_task_starts_no_task, a_task_that_could_answer_is_no_cycle, two_strands_wait_at_once,
             data_is_written_and_read_in_a_task, task_error_is_its_slots_fault, task_panic_is_its_slots_fault,
             task_raises_a_fault, task_trap_is_its_slots_fault, task_trap_in_the_allocator_is_its_slots_fault,
@@ -58,6 +60,10 @@ pub mod todo {
     pub const BACK: u64 = 11;
     /// Answer after 20 ms.
     pub const SLOW: u64 = 12;
+    /// Tell how many handlers of slow questions were entered at once, at most.
+    pub const MOST_INSIDE: u64 = 13;
+    /// Leave the answer, 8, to a task.
+    pub const BY_TASK: u64 = 14;
 }
 
 /// Runs the cases, one in each period.
@@ -73,15 +79,27 @@ pub struct Tasker {
     /// To its own service that a task serves.
     #[port]
     own: QueryClient<u64, u64>,
-    /// To its own service that a handler keeps.
+    /// To the victim, lent to whoever may not wait.
     #[port]
-    own_later: QueryClient<u64, u64>,
+    third: QueryClient<u64, u64>,
     /// Served by a task.
     #[port]
     worked: QueryServer<u64, u64>,
-    /// Kept by its handler.
-    #[port(handler = on_later)]
-    kept: QueryServer<u64, u64>,
+    /// To its own task.
+    #[port]
+    orders: SendClient<u64>,
+    /// Served by a task.
+    #[port]
+    queued: SendServer<u64>,
+    /// To its own task.
+    #[port]
+    feed: PushServer<u64>,
+    /// To a task.
+    #[port]
+    fed: PushClient<u64>,
+    /// Of the victim's task.
+    #[port]
+    clock: PushClient<u64>,
     /// From a task.
     #[port]
     sent: DataOut<u64>,
@@ -91,7 +109,6 @@ pub struct Tasker {
     /// `all` cases; `stay` with tasks that come to an end; `hang` with one that does not.
     #[property(default = "all")]
     run: String,
-    later: Arc<std::sync::Mutex<Vec<Pending<u64, u64>>>>,
     next: usize,
 }
 
@@ -112,14 +129,6 @@ impl Callbacks for Tasker {
         if self.run == "all" {
             self.next = cases::run(told::ALL, self.next, self, cx);
         }
-        Ok(())
-    }
-}
-
-impl Tasker {
-    #[allow(clippy::needless_pass_by_ref_mut, reason = "a handler")]
-    fn on_later(&mut self, _: &mut Context<'_>, query: Query<'_, u64, u64>) -> Outcome {
-        self.later.lock().map_err(|_| fault!("poisoned"))?.push(query.keep());
         Ok(())
     }
 }

@@ -7,16 +7,21 @@ use std::time::Duration;
 use cases::{same, table, text};
 use component_sdk::prelude::*;
 
+use crate::more::{
+    handlers_of_a_slot_run_one_at_a_time, no_method_panics_or_throws, queued_timed_handler,
+    send_queued_by_a_task_is_fifo, trigger_input_prescale, wait_on_own_std_thread_is_refused,
+    wait_while_panicking_is_cancelled,
+};
 use crate::{Tasker, todo};
 
 crate::task_cases!(table Tasker;);
 
 const SHORT: Duration = Duration::from_millis(20);
 
-type Ended = Result<(), String>;
+pub(crate) type Ended = Result<(), String>;
 
 /// Waits until something is so; a busy machine takes its time.
-fn until(cx: &Context<'_>, what: &str, so: impl Fn() -> bool) -> Ended {
+pub(crate) fn until(cx: &Context<'_>, what: &str, so: impl Fn() -> bool) -> Ended {
     for _ in 0..10_000 {
         if so() {
             return Ok(());
@@ -26,7 +31,7 @@ fn until(cx: &Context<'_>, what: &str, so: impl Fn() -> bool) -> Ended {
     Err(format!("not so in time: {what}"))
 }
 
-fn spawn(
+pub(crate) fn spawn(
     cx: &Context<'_>,
     task: Task<'_>,
     run: impl FnMut(&mut Context<'_>) -> Outcome + Send + 'static,
@@ -34,12 +39,12 @@ fn spawn(
     text(cx.spawn(task, run))
 }
 
-fn counter() -> (Arc<AtomicU64>, Arc<AtomicU64>) {
+pub(crate) fn counter() -> (Arc<AtomicU64>, Arc<AtomicU64>) {
     let count = Arc::new(AtomicU64::new(0));
     (Arc::clone(&count), count)
 }
 
-fn ask(tasker: &mut Tasker, what: u64) -> Result<u64, String> {
+pub(crate) fn ask(tasker: &mut Tasker, what: u64) -> Result<u64, String> {
     text(tasker.ask.query(what).map(|answer| *answer))
 }
 
@@ -206,22 +211,8 @@ fn two_strands_wait_at_once(tasker: &mut Tasker, cx: &mut Context<'_>) -> Ended 
     Ok(())
 }
 
-fn answer_later_from_a_task(tasker: &mut Tasker, cx: &mut Context<'_>) -> Ended {
-    let later = Arc::clone(&tasker.later);
-    spawn(cx, Task::new("answers").period(Duration::from_millis(1)), move |cx: &mut Context<'_>| -> Outcome {
-        let kept = std::mem::take(&mut *later.lock().map_err(|_| fault!("poisoned"))?);
-        for pending in kept {
-            let number = *pending.request()?;
-            let mut answer = pending.loan(cx)?;
-            *answer = number + 1;
-            answer.send()?;
-        }
-        Ok(())
-    })?;
-    // The handler is not entered while this callback waits: the answer is fetched by a later one.
-    let id = text(tasker.own_later.request(1))?;
-    same(tasker.own_later.receive_wait_within(id, SHORT).err(), Some(Status::Timeout))?;
-    text(tasker.own_later.discard(id))
+fn answer_later_from_a_task(tasker: &mut Tasker, _: &mut Context<'_>) -> Ended {
+    (0..5).try_for_each(|_| same(ask(tasker, todo::BY_TASK), Ok(8)))
 }
 
 fn a_port_that_was_taken_is_closed(tasker: &mut Tasker, cx: &mut Context<'_>) -> Ended {

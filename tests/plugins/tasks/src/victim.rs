@@ -2,6 +2,7 @@
 
 use std::hint::black_box;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use component_sdk::prelude::*;
@@ -11,6 +12,8 @@ use crate::todo;
 static INSTANCES: AtomicU64 = AtomicU64::new(0);
 static RESETS: AtomicU64 = AtomicU64::new(0);
 static TICKS: AtomicU64 = AtomicU64::new(0);
+static INSIDE: AtomicU64 = AtomicU64::new(0);
+static MOST_INSIDE: AtomicU64 = AtomicU64::new(0);
 static TRIES: AtomicU64 = AtomicU64::new(0);
 
 /// Does what it is asked to.
@@ -22,14 +25,27 @@ pub struct Victim {
     /// To the tasker, whose task answers.
     #[port]
     back: QueryClient<u64, u64>,
+    /// Its handler leaves the work of each cycle to a task, and puts what that has made.
+    #[port(timed = "5ms", started, handler = on_tick)]
+    timed: PushTimedServer<u64>,
     number: u64,
+    /// For the task.
+    by_task: Arc<Mutex<Vec<Pending<u64, u64>>>>,
+    /// Cycles, for the task, and the one that it has made a value of.
+    cycles: Arc<AtomicU64>,
+    made: Arc<AtomicU64>,
 }
 
 impl Callbacks for Victim {
     fn start(&mut self, cx: &mut Context<'_>) -> Outcome {
         self.number = INSTANCES.fetch_add(1, Ordering::SeqCst) + 1;
-        cx.spawn(Task::new("ticker").period(Duration::from_millis(1)), |_: &mut Context<'_>| -> Outcome {
+        let by_task = Arc::clone(&self.by_task);
+        let (cycles, made) = (Arc::clone(&self.cycles), Arc::clone(&self.made));
+        cx.spawn(Task::new("ticker").period(Duration::from_millis(1)), move |_: &mut Context<'_>| -> Outcome {
             TICKS.fetch_add(1, Ordering::SeqCst);
+            made.store(cycles.load(Ordering::SeqCst), Ordering::SeqCst);
+            let pending = std::mem::take(&mut *by_task.lock().map_err(|_| fault!("poisoned"))?);
+            pending.into_iter().try_for_each(|pending| pending.answer(8))?;
             Ok(())
         })?;
         Ok(())
@@ -44,6 +60,11 @@ impl Callbacks for Victim {
 impl Victim {
     fn on_ask(&mut self, cx: &mut Context<'_>, query: Query<'_, u64, u64>) -> Outcome {
         let answer = match *query {
+            todo::BY_TASK => {
+                self.by_task.lock().map_err(|_| fault!("poisoned"))?.push(query.keep());
+                return Ok(());
+            }
+            todo::MOST_INSIDE => MOST_INSIDE.load(Ordering::SeqCst),
             todo::RESETS => RESETS.load(Ordering::SeqCst),
             todo::TICKS => TICKS.load(Ordering::SeqCst),
             todo::TRIES => TRIES.load(Ordering::SeqCst),
@@ -53,7 +74,9 @@ impl Victim {
                 0
             }
             todo::SLOW => {
+                MOST_INSIDE.fetch_max(INSIDE.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
                 let _ = cx.sleep(Duration::from_millis(20));
+                INSIDE.fetch_sub(1, Ordering::SeqCst);
                 7
             }
             todo::NUMBER => self.number,
@@ -64,6 +87,14 @@ impl Victim {
             }
         };
         query.answer(answer)?;
+        Ok(())
+    }
+}
+
+impl Victim {
+    fn on_tick(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.cycles.fetch_add(1, Ordering::SeqCst);
+        self.timed.put(self.made.load(Ordering::SeqCst))?;
         Ok(())
     }
 }

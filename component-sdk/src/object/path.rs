@@ -1,5 +1,7 @@
-//! Fields by name: a path such as `linear.x` is resolved once, then a check is an offset load.
+//! Fields by name: a path such as `linear.x` or `ticks[2]` is resolved once, then a check is an offset load.
 #![allow(unsafe_code, reason = "address of unsafe: loads at described offsets")]
+
+use std::ops::Range;
 
 use super::descriptor::{Kind, TypeDescriptor};
 use super::sequence::RawSequence;
@@ -9,6 +11,8 @@ use super::sequence::RawSequence;
 pub struct FieldPath {
     offset: usize,
     kind: Kind,
+    /// Size of one number, in bytes.
+    size: usize,
     shape: Shape,
 }
 
@@ -17,6 +21,8 @@ enum Shape {
     One,
     Array(usize),
     Sequence,
+    /// One element of a sequence.
+    Element(usize),
 }
 
 /// Why a path leads nowhere.
@@ -31,14 +37,40 @@ pub enum PathError {
     },
     /// The field is no number, nor an array or sequence of numbers.
     NoNumber,
+    /// The field is an array of that many, all before this place, or nothing that has places.
+    NoPlace {
+        /// The place that was named.
+        place: usize,
+        /// How many there are.
+        count: usize,
+    },
 }
 
 impl FieldPath {
-    /// Resolves a path; the empty one names the object itself.
+    /// Resolves a path; the empty one names the object itself. Of an array or a sequence it names all numbers, or with a place,
+    /// counted from 0, one of them.
     ///
     /// # Errors
-    /// When a part names no field, or the field holds no numbers.
+    /// When a part names no field, or the field holds no numbers, or not that many.
     pub fn resolve(descriptor: &'static TypeDescriptor, path: &str) -> Result<Self, PathError> {
+        let (path, place) = with_place(path);
+        let whole = Self::resolve_field(descriptor, path)?;
+        place.map_or(Ok(whole), |place| whole.at(place))
+    }
+
+    /// One of the numbers of an array or a sequence.
+    fn at(self, place: usize) -> Result<Self, PathError> {
+        match self.shape {
+            Shape::Array(count) if place < count => {
+                Ok(Self { offset: self.offset + place * self.size, shape: Shape::One, ..self })
+            }
+            Shape::Sequence => Ok(Self { shape: Shape::Element(place), ..self }),
+            Shape::Array(count) => Err(PathError::NoPlace { place, count }),
+            Shape::One | Shape::Element(_) => Err(PathError::NoPlace { place, count: 0 }),
+        }
+    }
+
+    fn resolve_field(descriptor: &'static TypeDescriptor, path: &str) -> Result<Self, PathError> {
         let mut offset = 0;
         let mut object = descriptor;
         for part in path.split('.').filter(|part| !part.is_empty()) {
@@ -55,7 +87,28 @@ impl FieldPath {
             _ => (Shape::One, object),
         };
         let kind = element.kind;
-        if kind.is_number() { Ok(Self { offset, kind, shape }) } else { Err(PathError::NoNumber) }
+        if kind.is_number() { Ok(Self { offset, kind, size: element.size, shape }) } else { Err(PathError::NoNumber) }
+    }
+
+    /// True where it names one number, never several.
+    #[must_use]
+    pub const fn is_single(&self) -> bool {
+        matches!(self.shape, Shape::One | Shape::Element(_))
+    }
+
+    /// The first number of the field; `None`: there is none, because a sequence is too short.
+    ///
+    /// # Safety
+    /// As [`Self::all`].
+    pub unsafe fn first(&self, object: *const u8) -> Option<f64> {
+        let mut found = None;
+        let take = |number| {
+            found = Some(number);
+            false
+        };
+        // SAFETY: by contract.
+        unsafe { self.all(object, take) };
+        found
     }
 
     /// True where every number of the field satisfies `test`.
@@ -65,17 +118,26 @@ impl FieldPath {
     pub unsafe fn all(&self, object: *const u8, mut test: impl FnMut(f64) -> bool) -> bool {
         // SAFETY: by contract the field lies at this offset inside the object.
         let field = unsafe { object.add(self.offset) };
-        let (start, count) = match self.shape {
-            Shape::One => (field, 1),
-            Shape::Array(count) => (field, count),
-            Shape::Sequence => {
+        let (start, places) = match self.shape {
+            Shape::One => (field, 0..1),
+            Shape::Array(count) => (field, 0..count),
+            Shape::Sequence | Shape::Element(_) => {
                 // SAFETY: by contract the field is a sequence, and all have this layout.
                 let sequence = unsafe { &*field.cast::<RawSequence>() };
-                (sequence.start.cast_const(), sequence.len)
+                (sequence.start.cast_const(), self.places(sequence.len))
             }
         };
-        // SAFETY: `count` numbers of this kind lie at `start`.
-        (0..count).all(|index| test(unsafe { self.load(start, index) }))
+        // SAFETY: numbers of this kind lie at `start`, at least as many as the last place needs.
+        places.into_iter().all(|index| test(unsafe { self.load(start, index) }))
+    }
+
+    /// Which numbers of a sequence of that length it names.
+    fn places(&self, len: usize) -> Range<usize> {
+        match self.shape {
+            Shape::Element(place) if place < len => place..place + 1,
+            Shape::Element(_) => 0..0,
+            _ => 0..len,
+        }
     }
 
     /// The number at `index` of those at `start`.
@@ -105,6 +167,13 @@ impl FieldPath {
     }
 }
 
+/// `ticks[2]`: the field, and the place in it.
+fn with_place(path: &str) -> (&str, Option<usize>) {
+    let split = path.strip_suffix(']').and_then(|rest| rest.rsplit_once('['));
+    let parsed = split.and_then(|(field, place)| Some((field, Some(place.parse().ok()?))));
+    parsed.unwrap_or((path, None))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,6 +197,28 @@ mod tests {
         let path = FieldPath::resolve(LaserScan::DESCRIPTOR, "ranges").unwrap();
         // SAFETY: the path was resolved with the descriptor of `LaserScan`.
         assert!(!unsafe { path.all((&raw const scan).cast(), |number| number < 5.0) });
+    }
+
+    #[test]
+    fn a_place_names_one_number_of_an_array_or_a_sequence() {
+        let array = [1i32, 2, 3];
+        let path = FieldPath::resolve(<[i32; 3]>::DESCRIPTOR, "[2]").unwrap();
+        // SAFETY: the path was resolved with the descriptor of the array.
+        assert_eq!(unsafe { path.first((&raw const array).cast()) }, Some(3.0));
+        assert!(path.is_single());
+        let beyond = FieldPath::resolve(<[i32; 3]>::DESCRIPTOR, "[3]");
+        assert_eq!(beyond, Err(PathError::NoPlace { place: 3, count: 3 }));
+        assert_eq!(
+            FieldPath::resolve(Twist::DESCRIPTOR, "linear.x[0]"),
+            Err(PathError::NoPlace { place: 0, count: 0 })
+        );
+        let scan = LaserScan { ranges: vec![1.0, 9.0].into(), ..LaserScan::default() };
+        for (place, expected) in [("ranges[1]", Some(9.0)), ("ranges[2]", None)] {
+            let path = FieldPath::resolve(LaserScan::DESCRIPTOR, place).unwrap();
+            // SAFETY: the path was resolved with the descriptor of `LaserScan`.
+            assert_eq!(unsafe { path.first((&raw const scan).cast()) }, expected);
+        }
+        assert!(!FieldPath::resolve(LaserScan::DESCRIPTOR, "ranges").unwrap().is_single());
     }
 
     #[test]

@@ -39,6 +39,9 @@ pub mod event_in;
 /// Patterns in which something comes back.
 pub mod pattern;
 
+/// Who listens at an output.
+pub mod tap;
+
 /// The table behind port handles.
 pub mod table;
 

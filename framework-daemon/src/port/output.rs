@@ -19,6 +19,7 @@ use super::pattern::outlet::{Cycle, Outlet};
 use super::pattern::provider::Openness;
 use super::pattern::subscriber::Turn;
 use super::pool::{Lost, Pool};
+use super::tap::{Heard, Tap, Taps};
 use super::wait::Waiter;
 use crate::model::limits::{SPARE_BLOCKS, SPARE_LINKS};
 use crate::sys::clock;
@@ -61,7 +62,7 @@ enum Way {
     Plain,
     /// Not all are sent, or not all readers get all of them.
     Thinned,
-    /// They are checked besides.
+    /// They are checked besides, or somebody listens.
     Judged,
 }
 
@@ -84,9 +85,11 @@ impl Borrower {
 }
 
 /// All connections of an output.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Table {
     links: Vec<Link>,
+    /// Who listens; most have nobody.
+    taps: Option<Taps>,
     /// What happens on the way over them.
     way: Way,
 }
@@ -147,7 +150,7 @@ impl OutPort {
             links.reserve(now.links.len() + SPARE_LINKS);
             links.extend_from_slice(&now.links);
             change(&mut links);
-            self.furnish(std::mem::take(&mut links))
+            self.furnish(std::mem::take(&mut links), now.taps.clone())
         };
         let stale = self.table.edit(make);
         // Dropped here, where nothing is held: the last holder of an object frees the memory of a plugin.
@@ -156,11 +159,31 @@ impl OutPort {
         Ok(())
     }
 
+    /// Changes who listens. Connections are not touched; what is on its way is heard by those before or by these.
+    ///
+    /// # Errors
+    /// Somebody else changes the port all the time.
+    pub fn listen(&self, taps: Vec<Arc<dyn Tap>>) -> Result<(), Busy> {
+        let mut taps = (!taps.is_empty()).then(|| Taps::from(taps));
+        let stale = self.table.edit(|now| self.furnish(now.links.clone(), taps.take()));
+        stale?.into_iter().flatten().for_each(|table| self.keep(table.links));
+        Ok(())
+    }
+
+    /// Who listens.
+    #[must_use]
+    pub fn taps(&self) -> Option<Taps> {
+        self.with_table(Borrower::Other, |table| table.taps.clone()).flatten()
+    }
+
     /// A table of these links, and blocks for it.
-    fn furnish(&self, links: Vec<Link>) -> Table {
-        self.blocks.grow_to(links.iter().map(|link| link.target.capacity()).sum::<usize>() + SPARE_BLOCKS);
-        let way = links.iter().map(Link::way).chain([own_way(&self.checks, &self.outlet)]).max().unwrap_or_default();
-        Table { links, way }
+    fn furnish(&self, links: Vec<Link>, taps: Option<Taps>) -> Table {
+        let held = taps.iter().flat_map(|taps| taps.iter()).map(|tap| tap.holds());
+        let held = links.iter().map(|link| link.target.capacity()).chain(held).sum::<usize>();
+        self.blocks.grow_to(held + SPARE_BLOCKS);
+        let ways = links.iter().map(Link::way).chain([own_way(&self.checks, &self.outlet)]);
+        let way = ways.chain(taps.as_ref().map(|_| Way::Judged)).max().unwrap_or_default();
+        Table { links, taps, way }
     }
 
     fn keep(&self, mut links: Vec<Link>) {
@@ -188,6 +211,7 @@ impl OutPort {
                 link.checks.forget_episodes();
                 link.target.checks.forget_episodes();
             }
+            table.taps.iter().flat_map(|taps| taps.iter()).for_each(|tap| tap.begins_anew());
         });
     }
 
@@ -300,7 +324,7 @@ impl OutPort {
                 let send = |table: &Table| match table.way {
                     Way::Plain => self.publish_plainly(&table.links, value),
                     Way::Thinned => self.publish_thinned(&table.links, value),
-                    Way::Judged => self.publish_judged(&table.links, value, borrower),
+                    Way::Judged => self.publish_judged(table, value, borrower),
                 };
                 self.with_table(borrower, send).unwrap_or(Sent::Closed)
             }
@@ -329,20 +353,18 @@ impl OutPort {
 
     /// From a thread: with its own count of the connections, so that it may end anywhere.
     fn publish_aside(&self, value: *mut u8) -> Sent {
-        let Some((links, way)) = self.with_table(Borrower::Other, |table| (table.links.clone(), table.way)) else {
-            return Sent::Dropped;
-        };
-        if way != Way::Plain {
-            return self.publish_judged(&links, value, Borrower::Other);
+        let Some(table) = self.with_table(Borrower::Other, Table::clone) else { return Sent::Dropped };
+        if table.way != Way::Plain {
+            return self.publish_judged(&table, value, Borrower::Other);
         }
         let Some(sample) = self.aside().end_loan(value).cloned() else { return Sent::Closed };
         sample.fill(clock::now_ns());
-        send(&links, &sample)
+        send(&table.links, &sample)
     }
 
     /// Sends the block on loan, judged while it still is: a trap in a check, over a pointer that the component wrote,
     /// leaves no more than a lost loan.
-    fn publish_judged(&self, links: &[Link], value: *mut u8, borrower: Borrower) -> Sent {
+    fn publish_judged(&self, table: &Table, value: *mut u8, borrower: Borrower) -> Sent {
         if let Some(withheld) = self.outlet.withholds() {
             self.give_back(value, borrower);
             return withheld;
@@ -355,11 +377,11 @@ impl OutPort {
         // It holds an object from now on.
         let Some(()) = share().map(|sample| sample.fill(now_ns)) else { return Sent::Closed };
         let own = Candidate { value, sample: &share };
-        let sent = match links.is_empty() {
+        let sent = match table.links.is_empty() && table.taps.is_none() {
             true => Sent::Unconnected,
             false => match self.checks.judge(&self.name, &own, now_ns) {
-                Verdict::Pass => deliver(links, &own, now_ns),
-                Verdict::Instead(held) => deliver_held(links, &held, now_ns),
+                Verdict::Pass => self.deliver(table, &own, now_ns),
+                Verdict::Instead(held) => self.deliver_held(table, &held, now_ns),
                 Verdict::Withhold => Sent::Dropped,
             },
         };
@@ -368,6 +390,22 @@ impl OutPort {
             Borrower::Task | Borrower::Other => _ = self.aside().end_loan(value),
         }
         sent
+    }
+
+    /// Hands an earlier value to every reader and to who listens.
+    fn deliver_held(&self, table: &Table, held: &Sample, now_ns: u64) -> Sent {
+        self.deliver(table, &Candidate { value: held.value(), sample: &|| Some(Arc::clone(held)) }, now_ns)
+    }
+
+    /// Hands a value to every reader whose checks let it pass, and then to who listens: what drives something comes first.
+    fn deliver(&self, table: &Table, candidate: &Candidate<'_>, now_ns: u64) -> Sent {
+        let deliver = |link: &Link| deliver_one(link, candidate, now_ns);
+        let sent = table.links.iter().filter_map(|link| link.sent(deliver)).reduce(worse);
+        if let Some(taps) = &table.taps {
+            let heard = Heard { value: candidate.value, object: self.object, at_ns: now_ns, sample: candidate.sample };
+            taps.iter().for_each(|tap| tap.heard(&heard));
+        }
+        sent.unwrap_or(Sent::Unconnected)
     }
 
     fn aside(&self) -> MutexGuard<'_, Pool> {
@@ -382,17 +420,6 @@ fn send(links: &[Link], sample: &Sample) -> Sent {
         return Sent::Unconnected;
     }
     links.iter().map(|link| answer(&link.target, link.target.push(Arc::clone(sample)))).fold(Sent::Ok, worse)
-}
-
-/// Hands an earlier value to every reader.
-fn deliver_held(links: &[Link], held: &Sample, now_ns: u64) -> Sent {
-    deliver(links, &Candidate { value: held.value(), sample: &|| Some(Arc::clone(held)) }, now_ns)
-}
-
-/// Hands a value to every reader whose checks let it pass.
-fn deliver(links: &[Link], candidate: &Candidate<'_>, now_ns: u64) -> Sent {
-    let deliver = |link: &Link| deliver_one(link, candidate, now_ns);
-    links.iter().filter_map(|link| link.sent(deliver)).reduce(worse).unwrap_or(Sent::Unconnected)
 }
 
 fn deliver_one(link: &Link, candidate: &Candidate<'_>, now_ns: u64) -> Sent {

@@ -82,6 +82,34 @@ fn waiting(transport: Transport) -> (Profiles, Running) {
 }
 
 #[test]
+fn vector_push_scalability() {
+    const CLIENTS: u64 = 60;
+    for transport in [Transport::Near, Transport::Far] {
+        let prescale = |number: u64| 1 + number % 4;
+        // The clients first: each hears the first value.
+        let clients = (0..CLIENTS).map(|number| {
+            let one_of = format!("<property name=\"prescale\" type=\"int\">{}</property>", prescale(number));
+            let inside = format!("{}<properties>{one_of}</properties>", transport.place("right"));
+            slot(&format!("counter{number}"), "Counter", &inside)
+        });
+        let slots: Vec<_> = clients.chain([slot("feeder", "Feeder", &transport.place("left"))]).collect();
+        let links: Vec<_> = (0..CLIENTS).map(|number| format!("feeder.numbers -> counter{number}.numbers")).collect();
+        let profiles = Profiles::new(&application(&slots, &links.iter().map(String::as_str).collect::<Vec<_>>()));
+        profiles.describe(&plugin_dir().join("libpushes.so"));
+        declare_executors(&profiles);
+        let mut daemon = Running::start(profiles.path(), &[]);
+        daemon.wait_for_lines("counted ", CLIENTS as usize);
+        daemon.stop();
+        for number in 0..CLIENTS {
+            let every = prescale(number);
+            let arrived = (pushes::LAST - 1) / every + 1;
+            let line = format!("counter{number}: counted {arrived} of every {every}, 0 wrong");
+            assert!(daemon.log().contains(&line), "`{line}` in {:?}", daemon.lines("counted "));
+        }
+    }
+}
+
+#[test]
 fn stop_while_parked() {
     for transport in [Transport::Near, Transport::Far] {
         let (_profiles, mut daemon) = waiting(transport);

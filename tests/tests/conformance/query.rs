@@ -54,6 +54,25 @@ fn waiting(transport: Transport) -> (Profiles, Running) {
 }
 
 #[test]
+fn wired_at_boot_waits_for_its_server() {
+    for transport in [Transport::Near, Transport::Far] {
+        let slots = [slot("early", "Early", &transport.place("left")), slot("late", "Late", &transport.place("right"))];
+        let link = connection_of("service", "early.tell -> late.told", "");
+        let text = application(&slots, &[]).replace("</port_connections>", &format!("{link}</port_connections>"));
+        let profiles = Profiles::new(&text);
+        profiles.describe(&plugin_dir().join("libqueries.so"));
+        declare_executors(&profiles);
+        let mut daemon = Running::start(profiles.path(), &[]);
+        daemon.wait_for("was told Ok(2)");
+        daemon.stop();
+        let log = daemon.log();
+        let (asked, started) = (log.find("asks early"), log.find("starts late"));
+        // On one executor it asks when the other has started.
+        assert!(matches!(transport, Transport::Near) || asked < started, "{log}");
+    }
+}
+
+#[test]
 fn stop_while_parked() {
     for transport in [Transport::Near, Transport::Far] {
         let (_profiles, mut daemon) = waiting(transport);

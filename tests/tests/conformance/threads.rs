@@ -33,6 +33,11 @@ fn profiles(transport: Transport, run: &str) -> Profiles {
     let profiles = Profiles::new(&text);
     profiles.describe(&plugin_dir().join("libtasks.so"));
     declare_executors(&profiles);
+    // Those that the tasker may be on.
+    for executor in ["main", "left"] {
+        let name = format!("<executor name=\"{executor}\"");
+        profiles.replace("system.xml", &name, &format!("{name} cpu=\"0\""));
+    }
     let semantics = "<execution_semantics>";
     profiles.replace("Victim.xml", semantics, &format!("{semantics}<deadline hang=\"100ms\">50ms</deadline>"));
     profiles

@@ -2,6 +2,7 @@
 //!
 //! The listener runs one case in each callback and logs how it went. What its peer does, it is asked for by queries.
 
+mod many;
 mod newest;
 mod sender;
 mod table;
@@ -10,6 +11,7 @@ mod wild;
 
 use component_sdk::prelude::*;
 
+pub use many::{Counter, Feeder, LAST};
 pub use sender::{OtherSender, Sender, Waiter};
 pub use wild::Wild;
 
@@ -213,4 +215,4 @@ impl Hearer {
     }
 }
 
-export_components!(Hearer, Sender, OtherSender, Waiter, Wild);
+export_components!(Hearer, Sender, OtherSender, Waiter, Wild, Feeder, Counter);

@@ -2,6 +2,7 @@
 //!
 //! The asker runs one case in each callback and logs how it went. What its peer does, each request says.
 
+mod boot;
 mod crowd;
 mod more;
 mod server;
@@ -10,6 +11,7 @@ mod told;
 
 use component_sdk::prelude::*;
 
+pub use boot::{Early, Late};
 pub use crowd::Member;
 pub use teller::{Echo, OtherEcho, Teller};
 
@@ -184,4 +186,4 @@ impl Asker {
     }
 }
 
-export_components!(Asker, Teller, Echo, OtherEcho, Member);
+export_components!(Asker, Teller, Echo, OtherEcho, Member, Early, Late);

@@ -63,7 +63,8 @@ macro_rules! send_cases {
         connect_wrong_type, connect_wrong_pattern, connect_failed_leaves_disconnected, connect_inside_a_callback,
         disconnect_ok_when_connected, disconnect_ok_when_not_connected, disconnected_whatever_disconnect_returned,
         send_queued_by_an_active_server_is_fifo, active_handler_is_one_worker_fifo, active_handler_of_another_is_not_allowed,
-        active_handler_times_out, a_large_number_of_messages_loses_nothing, handler_panic_is_contained,
+        active_handler_times_out, a_large_number_of_messages_loses_nothing,
+        vector_send_connection, vector_send_api, handler_panic_is_contained,
         retry_serves_the_successor_once_each, server_crash_loses_its_message_only, handler_hang_is_ended,
     } };
 }

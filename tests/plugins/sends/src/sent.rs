@@ -132,6 +132,34 @@ fn send_before_disconnect_arrives(sender: &mut Sender, cx: &mut Context<'_>) -> 
     same(numbers(sender)?, vec![1, 2])
 }
 
+fn vector_send_connection(sender: &mut Sender, cx: &mut Context<'_>) -> Result<(), String> {
+    text(disconnect(cx, ORDER))?;
+    text(disconnect(cx, ORDER))?;
+    same(sender.order.send(note(1)), Err(Status::Disconnected))?;
+    same(connect(cx, ORDER, ("taker", "nothing")), Err(Status::ServiceUnavailable))?;
+    same(sender.order.send(note(2)), Err(Status::Disconnected))?;
+    text(connect(cx, ORDER, TAKER))?;
+    text(sender.order.send(note(3)))?;
+    text(connect(cx, ORDER, TAKER))?;
+    text(sender.order.send(note(4)))?;
+    same(numbers(sender)?, vec![3, 4])
+}
+
+fn vector_send_api(sender: &mut Sender, cx: &mut Context<'_>) -> Result<(), String> {
+    text(sender.order.send(note(1)))?;
+    // It never waits: whether it may is nothing to it.
+    text(sender.order.blocking(false))?;
+    let closed = sender.order.send(note(2));
+    text(sender.order.blocking(true))?;
+    text(closed)?;
+    text(disconnect(cx, ORDER))?;
+    let cut = (sender.order.blocking(false), sender.order.send(note(3)), sender.order.blocking(true));
+    text(connect(cx, ORDER, TAKER))?;
+    same(cut, (Ok(()), Err(Status::Disconnected), Ok(())))?;
+    text(sender.order.send(note(4)))?;
+    same(numbers(sender)?, vec![1, 2, 4])
+}
+
 fn send_handler_may_wait(sender: &mut Sender, _: &mut Context<'_>) -> Result<(), String> {
     text(sender.order.send(order(todo::SLEEP, 20)))?;
     text(sender.order.send(note(1)))?;

@@ -19,7 +19,8 @@ macro_rules! task_cases {
     ($then:ident $($arguments:tt)*) => {
         $then! {
             $($arguments)*
-            task_runs_stops_joins, task_cancelled_flag, task_sleep, task_periodic_entry_execute_exit, trigger_timed,
+            task_runs_stops_joins, task_cancelled_flag, task_sleep, task_schedule_by_executor_rules,
+            task_periodic_entry_execute_exit, trigger_timed,
             trigger_query_queue, trigger_input_prescale, send_queued_by_a_task_is_fifo, queued_timed_handler,
             handlers_of_a_slot_run_one_at_a_time, wait_on_own_std_thread_is_refused,
             wait_while_panicking_is_cancelled, no_method_panics_or_throws,

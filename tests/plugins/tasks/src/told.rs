@@ -211,6 +211,31 @@ fn two_strands_wait_at_once(tasker: &mut Tasker, cx: &mut Context<'_>) -> Ended 
     Ok(())
 }
 
+/// The processors that this thread may use.
+fn processors() -> Result<String, String> {
+    let status = std::fs::read_to_string("/proc/thread-self/status").map_err(|error| error.to_string())?;
+    let line = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:"));
+    line.map(|list| list.trim().to_owned()).ok_or_else(|| "the kernel does not say".to_owned())
+}
+
+fn task_schedule_by_executor_rules(_: &mut Tasker, cx: &mut Context<'_>) -> Ended {
+    let (tells, told) = std::sync::mpsc::channel();
+    spawn(cx, Task::new("tells"), move |_: &mut Context<'_>| -> Outcome {
+        let _ = tells.send(processors());
+        Ok(())
+    })?;
+    let mut task = None;
+    for _ in 0..10_000 {
+        task = task.or_else(|| told.try_recv().ok());
+        if task.is_some() {
+            break;
+        }
+        same(cx.sleep(Duration::from_millis(1)), true)?;
+    }
+    // As the profile says of the executor.
+    same((processors(), task), (Ok("0".to_owned()), Some(Ok("0".to_owned()))))
+}
+
 fn answer_later_from_a_task(tasker: &mut Tasker, _: &mut Context<'_>) -> Ended {
     (0..5).try_for_each(|_| same(ask(tasker, todo::BY_TASK), Ok(8)))
 }

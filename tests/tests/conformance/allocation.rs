@@ -99,7 +99,7 @@ fn queries_messages_methods_and_events_use_no_allocator_near_or_far() {
         for port in ["order", "board/turn", "board/beep"] {
             measure(&send::profiles(transport, "measure"), executors, 5_000, calls("sender", port));
         }
-        measure(&event::profiles(transport, "measure", event::RESET), executors, 1_000, |system| {
+        measure(&event::profiles(transport, "measure", crate::rig::RESET), executors, 1_000, |system| {
             let (_, fired, lost) = system.slot("measurer").unwrap().slot.events.servers[0].counts();
             (fired, lost)
         });

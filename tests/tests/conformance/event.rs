@@ -4,10 +4,10 @@ use tests::profiles::{Profiles, application, connection_of, plugin_dir, slot};
 use tests::running::Running;
 
 use crate::check::check;
-use crate::rig::{Suite, Transport, conformance, declare_executors};
-
-pub(crate) const RESET: &str =
-    "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
+use crate::rig::{
+    RESET, Suite, Transport, conformance, declare_executors, is_built_anew_while_parked, is_stopped_while_parked,
+    parked,
+};
 
 /// Watcher, measurer and another one.
 pub(crate) fn profiles(transport: Transport, run: &str, rules: &str) -> Profiles {
@@ -50,24 +50,11 @@ static SUITE: Suite = Suite::new(|transport| profiles(transport, "all", RESET));
 
 events::event_cases!(conformance SUITE;);
 
-/// The watcher waits for an event that does not come.
-fn waiting(transport: Transport) -> (Profiles, Running) {
-    let profiles = profiles(transport, "stay", RESET);
-    let daemon = Running::start(profiles.path(), &[]);
-    daemon.wait_for(": waits");
-    // Into the middle of the wait.
-    std::thread::sleep(std::time::Duration::from_millis(50));
-    (profiles, daemon)
-}
-
 #[test]
 fn stop_while_parked_for_an_event() {
     for transport in [Transport::Near, Transport::Far] {
-        let (_profiles, mut daemon) = waiting(transport);
-        let slots = daemon.stop();
-        let log = daemon.log();
-        assert!(log.contains("waited: Err(Cancelled)") || log.contains("waited: Err(ProviderStopped)"), "{log}");
-        assert!(slots.iter().all(|slot| slot["faults"] == 0), "{slots:?}");
+        let (_profiles, mut daemon) = parked(profiles(transport, "stay", RESET));
+        is_stopped_while_parked(&mut daemon);
         daemon.wait_for("in initialize: Some(Disconnected)");
         let stop = daemon.lines("in stop: ");
         assert!(!stop.is_empty() && stop.iter().all(|line| !line.contains("None")), "{stop:?}");
@@ -77,7 +64,7 @@ fn stop_while_parked_for_an_event() {
 #[test]
 fn server_ends_in_order() {
     for transport in [Transport::Near, Transport::Far] {
-        let (profiles, mut daemon) = waiting(transport);
+        let (profiles, mut daemon) = parked(profiles(transport, "stay", RESET));
         profiles.replace("Measurer.xml", "<version>1.0</version>", "<version>1.1</version>");
         daemon.signal("HUP");
         daemon.wait_for("waited: Err(ProviderReplaced)");
@@ -90,13 +77,7 @@ fn server_ends_in_order() {
 #[test]
 fn reload_while_parked_for_an_event() {
     for transport in [Transport::Near, Transport::Far] {
-        let (profiles, mut daemon) = waiting(transport);
-        profiles.replace("Watcher.xml", "<version>1.0</version>", "<version>1.1</version>");
-        daemon.signal("HUP");
-        daemon.wait_for("waited: Err(Cancelled)");
-        daemon.wait_for_lines(": waits", 2);
-        let slots = daemon.stop();
-        assert!(slots.iter().all(|slot| slot["faults"] == 0), "{slots:?}");
+        is_built_anew_while_parked(profiles(transport, "stay", RESET), "Watcher");
     }
 }
 

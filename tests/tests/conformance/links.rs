@@ -2,10 +2,7 @@
 
 use tests::profiles::{Profiles, application, plugin_dir, slot};
 
-use crate::rig::{Transport, declare_executors};
-
-const RULES: &str =
-    "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
+use crate::rig::{RESET, Transport, declare_executors};
 
 /// Everything that can be wired, and nothing connected.
 pub(crate) fn profiles(transport: Transport, run: &str) -> Profiles {
@@ -15,8 +12,8 @@ pub(crate) fn profiles(transport: Transport, run: &str) -> Profiles {
     let (left, right) = (transport.place("left"), transport.place("right"));
     // The lister has its name when the wirer begins.
     let slots = [
-        slot("lister", "Lister", &format!("{right}{RULES}")),
-        slot("wirer", "Wirer", &format!("{}{left}{RULES}", property("run", "string", run))),
+        slot("lister", "Lister", &format!("{right}{RESET}")),
+        slot("wirer", "Wirer", &format!("{}{left}{RESET}", property("run", "string", run))),
         slot("one", "Adder", &right),
         slot("two", "Adder", &format!("{}{right}", property("summand", "ulong", "10"))),
         slot("other", "OtherAdder", &right),

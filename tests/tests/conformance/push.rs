@@ -3,10 +3,10 @@
 use tests::profiles::{Profiles, application, connection, connection_of, plugin_dir, slot};
 use tests::running::Running;
 
-use crate::rig::{Suite, Transport, conformance, declare_executors};
-
-const RULES: &str =
-    "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
+use crate::rig::{
+    RESET, Suite, Transport, conformance, declare_executors, is_built_anew_while_parked, is_stopped_while_parked,
+    parked,
+};
 
 /// By connection: `sender.first` to several, and so on.
 const LINKS: [(&str, &[&str]); 8] = [
@@ -38,7 +38,7 @@ fn profiles(transport: Transport, run: &str) -> Profiles {
     let right = transport.place("right");
     let slots = [
         slot("listener", "Hearer", &format!("{cases}{}", transport.place("left"))),
-        slot("sender", "Sender", &format!("{right}{RULES}")),
+        slot("sender", "Sender", &format!("{right}{RESET}")),
         slot("waiter", "Waiter", &right),
         slot("others", "OtherSender", &right),
     ];
@@ -71,16 +71,6 @@ static SUITE: Suite = Suite::new(|transport| profiles(transport, "all"));
 
 pushes::push_cases!(conformance SUITE;);
 
-/// The listener waits for a value that does not come.
-fn waiting(transport: Transport) -> (Profiles, Running) {
-    let profiles = profiles(transport, "stay");
-    let daemon = Running::start(profiles.path(), &[]);
-    daemon.wait_for("waits");
-    // Into the middle of the wait.
-    std::thread::sleep(std::time::Duration::from_millis(50));
-    (profiles, daemon)
-}
-
 #[test]
 fn vector_push_scalability() {
     const CLIENTS: u64 = 60;
@@ -112,13 +102,10 @@ fn vector_push_scalability() {
 #[test]
 fn stop_while_parked() {
     for transport in [Transport::Near, Transport::Far] {
-        let (_profiles, mut daemon) = waiting(transport);
-        let slots = daemon.stop();
-        let log = daemon.log();
-        assert!(log.contains("waited: Err(Cancelled)") || log.contains("waited: Err(ProviderStopped)"), "{log}");
-        assert!(slots.iter().all(|slot| slot["faults"] == 0), "{slots:?}");
+        let (_profiles, mut daemon) = parked(profiles(transport, "stay"));
+        is_stopped_while_parked(&mut daemon);
         // In `initialize` it is not connected, and in `stop` nobody may wait.
-        assert!(log.contains("in initialize: Err(Disconnected) Err(Disconnected)"), "{log}");
+        daemon.wait_for("in initialize: Err(Disconnected) Err(Disconnected)");
         let stop = daemon.lines("in stop: ");
         assert!(!stop.is_empty() && stop.iter().all(|line| line.contains("Err(")), "{stop:?}");
     }
@@ -127,7 +114,7 @@ fn stop_while_parked() {
 #[test]
 fn server_ends_in_order() {
     for transport in [Transport::Near, Transport::Far] {
-        let (profiles, mut daemon) = waiting(transport);
+        let (profiles, mut daemon) = parked(profiles(transport, "stay"));
         // The sender is built anew.
         profiles.replace("Sender.xml", "<version>1.0</version>", "<version>1.1</version>");
         daemon.signal("HUP");
@@ -148,13 +135,7 @@ fn server_ends_in_order() {
 #[test]
 fn reload_while_parked() {
     for transport in [Transport::Near, Transport::Far] {
-        let (profiles, mut daemon) = waiting(transport);
-        profiles.replace("Hearer.xml", "<version>1.0</version>", "<version>1.1</version>");
-        daemon.signal("HUP");
-        daemon.wait_for("waited: Err(Cancelled)");
-        daemon.wait_for_lines("waits", 2);
-        let slots = daemon.stop();
-        assert!(slots.iter().all(|slot| slot["faults"] == 0), "{slots:?}");
+        is_built_anew_while_parked(profiles(transport, "stay"), "Hearer");
     }
 }
 

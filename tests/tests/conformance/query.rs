@@ -3,17 +3,17 @@
 use tests::profiles::{Profiles, application, connection_of, plugin_dir, slot};
 use tests::running::Running;
 
-use crate::rig::{Suite, Transport, conformance, declare_executors};
-
-const RULES: &str =
-    "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
+use crate::rig::{
+    RESET, Suite, Transport, conformance, declare_executors, is_built_anew_while_parked, is_stopped_while_parked,
+    parked,
+};
 
 /// Asker, teller and a third one.
 pub(crate) fn profiles(transport: Transport, run: &str) -> Profiles {
     let cases = format!("<properties><property name=\"run\" type=\"string\">{run}</property></properties>");
     let slots = [
         slot("asker", "Asker", &format!("{cases}{}", transport.place("left"))),
-        slot("teller", "Teller", &format!("{}{RULES}", transport.place("right"))),
+        slot("teller", "Teller", &format!("{}{RESET}", transport.place("right"))),
         slot("echo", "Echo", &transport.place("right")),
     ];
     let links = [
@@ -43,16 +43,6 @@ static SUITE: Suite = Suite::new(|transport| profiles(transport, "all"));
 
 queries::query_cases!(conformance SUITE;);
 
-/// The asker waits for an answer that does not come.
-fn waiting(transport: Transport) -> (Profiles, Running) {
-    let profiles = profiles(transport, "stay");
-    let daemon = Running::start(profiles.path(), &[]);
-    daemon.wait_for("waits");
-    // Into the middle of the wait.
-    std::thread::sleep(std::time::Duration::from_millis(50));
-    (profiles, daemon)
-}
-
 #[test]
 fn wired_at_boot_waits_for_its_server() {
     for transport in [Transport::Near, Transport::Far] {
@@ -75,17 +65,14 @@ fn wired_at_boot_waits_for_its_server() {
 #[test]
 fn stop_while_parked() {
     for transport in [Transport::Near, Transport::Far] {
-        let (_profiles, mut daemon) = waiting(transport);
-        let slots = daemon.stop();
-        let log = daemon.log();
-        assert!(log.contains("waited: Err(Cancelled)") || log.contains("waited: Err(ProviderStopped)"), "{log}");
-        assert!(slots.iter().all(|slot| slot["faults"] == 0), "{slots:?}");
+        let (_profiles, mut daemon) = parked(profiles(transport, "stay"));
+        is_stopped_while_parked(&mut daemon);
     }
 }
 
 #[test]
 fn wait_in_constructor_stop_destroy_recover_is_cancelled() {
-    let (_profiles, mut daemon) = waiting(Transport::Far);
+    let (_profiles, mut daemon) = parked(profiles(Transport::Far, "stay"));
     daemon.stop();
     daemon.wait_for("in initialize: Some(Disconnected)");
     let stop = daemon.lines("in stop: ");
@@ -95,7 +82,7 @@ fn wait_in_constructor_stop_destroy_recover_is_cancelled() {
 #[test]
 fn server_ends_in_order() {
     for transport in [Transport::Near, Transport::Far] {
-        let (profiles, mut daemon) = waiting(transport);
+        let (profiles, mut daemon) = parked(profiles(transport, "stay"));
         // The teller is built anew.
         profiles.replace("Teller.xml", "<version>1.0</version>", "<version>1.1</version>");
         daemon.signal("HUP");
@@ -117,20 +104,14 @@ fn server_ends_in_order() {
 #[test]
 fn reload_while_parked() {
     for transport in [Transport::Near, Transport::Far] {
-        let (profiles, mut daemon) = waiting(transport);
-        profiles.replace("Asker.xml", "<version>1.0</version>", "<version>1.1</version>");
-        daemon.signal("HUP");
-        daemon.wait_for("waited: Err(Cancelled)");
-        daemon.wait_for_lines("waits", 2);
-        let slots = daemon.stop();
-        assert!(slots.iter().all(|slot| slot["faults"] == 0), "{slots:?}");
+        is_built_anew_while_parked(profiles(transport, "stay"), "Asker");
     }
 }
 
 #[test]
 fn remove_while_parked() {
     for transport in [Transport::Near, Transport::Far] {
-        let (profiles, mut daemon) = waiting(transport);
+        let (profiles, mut daemon) = parked(profiles(transport, "stay"));
         // Its successor has another name: the plan has it no longer.
         let text = std::fs::read_to_string(profiles.path().join("app.xml")).expect("written");
         profiles.write("app.xml", &text.replace("asker", "inquirer"));

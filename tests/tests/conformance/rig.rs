@@ -1,9 +1,14 @@
 //! A daemon in which one component runs all cases of a pattern, once for each transport; the tests read what it logged.
 
 use std::sync::OnceLock;
+use std::time::Duration;
 
 use tests::profiles::Profiles;
 use tests::running::Running;
+
+/// Faults are answered by a reset, as often as they come.
+pub(crate) const RESET: &str =
+    "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
 
 /// How the two sides are brought together.
 #[derive(Clone, Copy)]
@@ -29,6 +34,40 @@ impl Transport {
 pub(crate) fn declare_executors(profiles: &Profiles) {
     let executors: String = ["main", "left", "right"].map(|name| format!("<executor name=\"{name}\"/>")).concat();
     profiles.write("system.xml", &format!("<system_profile><name>s</name>{executors}</system_profile>"));
+}
+
+/// A daemon in which a component is in the middle of a wait for what does not come.
+pub(crate) fn parked(profiles: Profiles) -> (Profiles, Running) {
+    let daemon = Running::start(profiles.path(), &[]);
+    daemon.wait_for(": waits");
+    // Into the middle of the wait.
+    std::thread::sleep(Duration::from_millis(50));
+    (profiles, daemon)
+}
+
+/// Stops it: the wait is told so, and nobody is to blame.
+///
+/// # Panics
+/// Where it is otherwise.
+pub(crate) fn is_stopped_while_parked(daemon: &mut Running) {
+    let slots = daemon.stop();
+    let log = daemon.log();
+    assert!(log.contains("waited: Err(Cancelled)") || log.contains("waited: Err(ProviderStopped)"), "{log}");
+    assert!(slots.iter().all(|slot| slot["faults"] == 0), "{slots:?}");
+}
+
+/// A reload builds that class anew: the wait is told so, and the new instance waits again.
+///
+/// # Panics
+/// Where it is otherwise.
+pub(crate) fn is_built_anew_while_parked(profiles: Profiles, class: &str) {
+    let (profiles, mut daemon) = parked(profiles);
+    profiles.replace(&format!("{class}.xml"), "<version>1.0</version>", "<version>1.1</version>");
+    daemon.signal("HUP");
+    daemon.wait_for("waited: Err(Cancelled)");
+    daemon.wait_for_lines(": waits", 2);
+    let slots = daemon.stop();
+    assert!(slots.iter().all(|slot| slot["faults"] == 0), "{slots:?}");
 }
 
 /// The cases of one pattern, on each transport: each run once, in a daemon of its own, when the first test asks.

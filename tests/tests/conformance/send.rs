@@ -3,10 +3,7 @@
 use tests::profiles::{Profiles, application, connection_of, plugin_dir, slot};
 use tests::running::Running;
 
-use crate::rig::{Suite, Transport, conformance, declare_executors};
-
-const RULES: &str =
-    "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
+use crate::rig::{RESET, Suite, Transport, conformance, declare_executors};
 
 /// Sender, takers and boards.
 pub(crate) fn profiles(transport: Transport, run: &str) -> Profiles {
@@ -14,7 +11,7 @@ pub(crate) fn profiles(transport: Transport, run: &str) -> Profiles {
     let on_the_right = |name: &str, class: &str| slot(name, class, &transport.place("right"));
     let slots = [
         slot("sender", "Sender", &format!("{cases}{}", transport.place("left"))),
-        slot("taker", "Taker", &format!("{}{RULES}", transport.place("right"))),
+        slot("taker", "Taker", &format!("{}{RESET}", transport.place("right"))),
         on_the_right("active", "ActiveTaker"),
         on_the_right("teller", "ActiveTeller"),
         on_the_right("board", "Board"),

@@ -2,15 +2,12 @@
 
 use tests::profiles::{Profiles, application, connection_of, plugin_dir, slot};
 
-use crate::rig::{Suite, Transport, conformance, declare_executors};
-
-const RULES: &str =
-    "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
+use crate::rig::{RESET, Suite, Transport, conformance, declare_executors};
 
 fn profiles(transport: Transport) -> Profiles {
     let slots = [
-        slot("master", "Master", &format!("{}{RULES}", transport.place("left"))),
-        slot("slave", "Slave", &format!("{}{RULES}", transport.place("right"))),
+        slot("master", "Master", &format!("{}{RESET}", transport.place("left"))),
+        slot("slave", "Slave", &format!("{}{RESET}", transport.place("right"))),
     ];
     let links = [
         connection_of("service", "master.mine -> master.own", ""),

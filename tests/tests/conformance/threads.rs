@@ -6,16 +6,13 @@ use tests::daemon_binary::daemon_binary;
 use tests::profiles::{Profiles, application, connection_of, plugin_dir, slot};
 use tests::running::Running;
 
-use crate::rig::{Suite, Transport, conformance, declare_executors};
-
-const RULES: &str =
-    "<fault_tolerance><severity>reset</severity><reset limit=\"1000\" within=\"1s\"/></fault_tolerance>";
+use crate::rig::{RESET, Suite, Transport, conformance, declare_executors};
 
 fn profiles(transport: Transport, run: &str) -> Profiles {
     let cases = format!("<properties><property name=\"run\" type=\"string\">{run}</property></properties>");
     let slots = [
         slot("tasker", "Tasker", &format!("{cases}{}", transport.place("left"))),
-        slot("victim", "Victim", &format!("{}{RULES}", transport.place("right"))),
+        slot("victim", "Victim", &format!("{}{RESET}", transport.place("right"))),
     ];
     let links = [
         connection_of("service", "tasker.ask -> victim.asked", ""),

@@ -98,7 +98,7 @@ extern "C" fn next(handle: PortHandle, time: Wait) -> Lent {
         // Nothing comes in while the instance stands ready.
         return Lent::refused(Status::NoData);
     }
-    lent(server(handle, |port| Ok(port.pull(time, wait::park))))
+    lent(server(handle, |port| Ok(port.pull(time, &wait::park))))
 }
 
 extern "C" fn wake(handle: PortHandle) -> u32 {

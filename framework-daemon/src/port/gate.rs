@@ -4,8 +4,12 @@
 //! A gate is a level: it stays as it was set. Closings are counted besides, so that one that is opened again at once
 //! still ends the waits that had begun.
 
-use component_sdk::abi::calls::Whose;
+use component_sdk::abi::calls::{Wait, Whose};
+use component_sdk::status::Status;
 
+use super::wait::Place;
+use crate::model::limits::DURATION_MAX;
+use crate::model::time::nanoseconds;
 use crate::sys::shared::{AtomicBool, AtomicU32, Ordering};
 
 /// The gates of one client port.
@@ -59,6 +63,40 @@ impl Gate {
         let gates = [&self.port, &self.component, &self.slot];
         gates.iter().all(|gate| gate.load(Ordering::SeqCst)) && self.closings() == closings
     }
+}
+
+impl Gate {
+    /// The loop of every wait, for whoever has looked at what it waits for: lets others run until `look` finds an end, or
+    /// the gate is closed, or the time is over. What is there is given out, whatever came after it.
+    ///
+    /// # Errors
+    /// What `look` found, `Cancelled`, `Timeout`.
+    pub(super) fn wait<T>(
+        &self,
+        closings: u32,
+        until_ns: u64,
+        place: &impl Place,
+        mut look: impl FnMut() -> Option<Result<T, Status>>,
+    ) -> Result<T, Status> {
+        loop {
+            place.park(until_ns).map_err(|_| Status::Cancelled)?;
+            if let Some(end) = look() {
+                return end;
+            }
+            if !self.lets_wait(closings) {
+                return Err(Status::Cancelled);
+            }
+            if place.now_ns() >= until_ns {
+                return Err(Status::Timeout);
+            }
+        }
+    }
+}
+
+/// How long is waited at most, in nanoseconds: as asked for, or so long where the author said nothing.
+pub(super) fn patience_ns(wait: Wait, default_ns: u64) -> u64 {
+    let time_ns = if wait == Wait::DEFAULT { default_ns } else { wait.0 };
+    time_ns.min(nanoseconds(DURATION_MAX))
 }
 
 #[cfg(test)]

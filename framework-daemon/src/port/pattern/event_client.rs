@@ -13,11 +13,10 @@ use component_sdk::status::Status;
 
 use super::activation::{self, Activations};
 use super::event_server::EventServer;
-use crate::model::limits::{ACTIVATIONS_MAX, DURATION_MAX, FIFO_SIZE_MAX};
-use crate::model::time::nanoseconds;
+use crate::model::limits::{ACTIVATIONS_MAX, FIFO_SIZE_MAX};
 use crate::port::block::Sample;
-use crate::port::gate::Gate;
-use crate::port::wait::{NotHere, Place, Waiter};
+use crate::port::gate::{Gate, patience_ns};
+use crate::port::wait::{Place, Waiter};
 use crate::profile::plan::Overflow;
 use crate::sys::bell::{Ring, Signal};
 
@@ -273,41 +272,29 @@ impl EventClient {
         if wait == Wait::NONE {
             return look(false)?.ok_or(Status::NoData);
         }
-        let (closings, mut until_ns) = (self.gate.closings(), None);
-        loop {
-            // What is there is given out, whatever came after it.
-            if let Some(event) = look(true)? {
-                return Ok(event);
-            }
-            if !self.gate.lets_wait(closings) {
-                return Err(Status::Cancelled);
-            }
-            let server = self.server().ok_or(Status::Disconnected)?;
-            if let Some(status) = server.refusal() {
-                return Err(status);
-            }
-            let now_ns = place.now_ns();
-            let until_ns = *until_ns.get_or_insert_with(|| self.until_ns(wait, now_ns));
-            if now_ns >= until_ns {
-                return Err(Status::Timeout);
-            }
-            self.park(&server, until_ns, place)?;
+        let closings = self.gate.closings();
+        let ended = || self.ended(&look).transpose();
+        if let Some(end) = ended() {
+            return end;
         }
-    }
-
-    fn park(&self, server: &EventServer, until_ns: u64, place: &impl Place) -> Result<(), Status> {
-        if !self.waiter.begin(&server.waiter) {
+        if !self.gate.lets_wait(closings) {
+            return Err(Status::Cancelled);
+        }
+        let until_ns = place.now_ns().saturating_add(patience_ns(wait, self.timeout_ns));
+        if self.server().is_some_and(|server| !self.waiter.begin(&server.waiter)) {
             return Err(Status::Cycle);
         }
-        let parked = place.park(until_ns);
+        let end = self.gate.wait(closings, until_ns, place, ended);
         self.waiter.end();
-        parked.map_err(|NotHere| Status::Cancelled)
+        end
     }
 
-    fn until_ns(&self, wait: Wait, now_ns: u64) -> u64 {
-        let longest = nanoseconds(DURATION_MAX);
-        let time_ns = if wait == Wait::DEFAULT { self.timeout_ns } else { wait.0 };
-        now_ns.saturating_add(time_ns.min(longest))
+    /// The event that is there, or why none will come.
+    fn ended(&self, look: impl Fn(bool) -> Result<Option<Sample>, Status>) -> Result<Option<Sample>, Status> {
+        if let Some(event) = look(true)? {
+            return Ok(Some(event));
+        }
+        self.server().ok_or(Status::Disconnected)?.refusal().map_or(Ok(None), Err)
     }
 
     /// True when a firing waits for the handler.

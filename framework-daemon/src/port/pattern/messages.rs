@@ -138,7 +138,7 @@ fn queries_and_messages_do_not_fit() {
 
 /// A message that is there, or the status instead.
 fn pull(server: &Provider, wait: Wait, park: impl Fn(u64) -> Result<(), NotHere>) -> Result<u64, Status> {
-    let lent = server.pull(wait, park);
+    let lent = server.pull(wait, &park);
     if lent.status != 0 {
         return Err(Status::from_code(lent.status));
     }
@@ -188,7 +188,7 @@ fn whoever_holds_all_that_it_may_does_not_wait_for_more() {
     server.set_open(Openness::Serving);
     client.connect(&server, None).unwrap();
     (0..2).for_each(|number| send(&client, number).unwrap());
-    let held = [server.pull(Wait::NONE, never).id, server.pull(Wait::NONE, never).id];
+    let held = [server.pull(Wait::NONE, &never).id, server.pull(Wait::NONE, &never).id];
     assert_eq!(pull(&server, Wait::DEFAULT, never), Err(Status::Overload));
     server.refuse(held[0], Status::Error).unwrap();
     send(&client, 5).unwrap();

@@ -5,47 +5,46 @@ use component_sdk::abi::calls::{Lent, Wait};
 use component_sdk::status::Status;
 
 use super::provider::Provider;
-use crate::model::limits::DURATION_MAX;
-use crate::model::time::nanoseconds;
-use crate::port::wait::NotHere;
-use crate::sys::clock;
+use crate::port::gate::patience_ns;
+use crate::port::wait::Place;
 
 impl Provider {
     /// Takes the next call in hand, waits for it if asked to; by default as long as it takes.
-    pub fn pull(&self, wait: Wait, park: impl Fn(u64) -> Result<(), NotHere>) -> Lent {
-        self.pulled(wait, park).unwrap_or_else(Lent::refused)
+    pub fn pull(&self, wait: Wait, place: &impl Place) -> Lent {
+        self.pulled(wait, place).unwrap_or_else(Lent::refused)
     }
 
-    fn pulled(&self, wait: Wait, park: impl Fn(u64) -> Result<(), NotHere>) -> Result<Lent, Status> {
+    fn pulled(&self, wait: Wait, place: &impl Place) -> Result<Lent, Status> {
         if self.has_handler() {
             return Err(Status::NotAllowed);
         }
         let closings = self.gate.closings();
-        let until_ns = clock::now_ns().saturating_add(wait.0.min(nanoseconds(DURATION_MAX)));
-        loop {
-            if let Some(taken) = self.take() {
-                return Ok(Lent { value: taken.value.cast_mut(), id: taken.id, status: 0, initialised: true });
-            }
-            if !self.has_room() {
-                // It would wait for itself.
-                return Err(Status::Overload);
-            }
-            if wait == Wait::NONE {
-                return Err(Status::NoData);
-            }
-            if !self.gate.lets_wait(closings) {
-                return Err(Status::Cancelled);
-            }
-            if wait != Wait::DEFAULT && clock::now_ns() >= until_ns {
-                return Err(Status::Timeout);
-            }
-            let until_ns = if wait == Wait::DEFAULT {
-                clock::now_ns().saturating_add(nanoseconds(DURATION_MAX))
-            } else {
-                until_ns
-            };
-            park(until_ns).map_err(|NotHere| Status::Cancelled)?;
+        if let Some(end) = self.taken() {
+            return end;
         }
+        if wait == Wait::NONE {
+            return Err(Status::NoData);
+        }
+        if !self.gate.lets_wait(closings) {
+            return Err(Status::Cancelled);
+        }
+        loop {
+            let until_ns = place.now_ns().saturating_add(patience_ns(wait, u64::MAX));
+            match self.gate.wait(closings, until_ns, place, || self.taken()) {
+                // For ever is longer than the longest time.
+                Err(Status::Timeout) if wait == Wait::DEFAULT => {}
+                end => return end,
+            }
+        }
+    }
+
+    /// The next call in hand; `None`: nothing waits.
+    fn taken(&self) -> Option<Result<Lent, Status>> {
+        if let Some(taken) = self.take() {
+            return Some(Ok(Lent { value: taken.value.cast_mut(), id: taken.id, status: 0, initialised: true }));
+        }
+        // With its hands full it would wait for itself.
+        (!self.has_room()).then_some(Err(Status::Overload))
     }
 
     /// The gate of the slot: closed, waits for calls end and begin no more.

@@ -12,9 +12,8 @@ use component_sdk::status::Status;
 use super::call::{Call, Client, ClientState, Look, Ticket};
 use super::objects::Objects;
 use super::provider::Provider;
-use crate::model::limits::{DURATION_MAX, PENDING_MAX};
-use crate::model::time::nanoseconds;
-use crate::port::gate::Gate;
+use crate::model::limits::PENDING_MAX;
+use crate::port::gate::{Gate, patience_ns};
 use crate::port::wait::{Place, Waiter};
 use crate::sys::bell::Signal;
 use crate::sys::shared::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, AtomicUsize, Mutex, Ordering};
@@ -263,25 +262,12 @@ impl Requestor {
         if !self.gate.lets_wait(closings) {
             return Err(Status::Cancelled);
         }
-        let until_ns = place.in_ns(self.time_ns(wait));
+        let until_ns = place.in_ns(patience_ns(wait, self.room.timeout_ns));
         if self.provider().is_some_and(|provider| !self.waiter.begin(&provider.waiter)) {
             return Err(Status::Cycle);
         }
-        let end = loop {
-            if place.park(until_ns).is_err() {
-                break Err(Status::Cancelled);
-            }
-            let look = self.look(call, generation);
-            if look != Look::Open {
-                break Ok(look);
-            }
-            if !self.gate.lets_wait(closings) {
-                break Err(Status::Cancelled);
-            }
-            if place.now_ns() >= until_ns {
-                break Err(Status::Timeout);
-            }
-        };
+        let ended = || Some(self.look(call, generation)).filter(|look| *look != Look::Open).map(Ok);
+        let end = self.gate.wait(closings, until_ns, place, ended);
         self.waiter.end();
         end
     }
@@ -296,11 +282,6 @@ impl Requestor {
             return Look::Ended(Status::Disconnected);
         }
         look
-    }
-
-    fn time_ns(&self, wait: Wait) -> u64 {
-        let time_ns = if wait == Wait::DEFAULT { self.room.timeout_ns } else { wait.0 };
-        time_ns.min(nanoseconds(DURATION_MAX))
     }
 
     /// Gives an answer on loan back.

@@ -14,11 +14,9 @@ use component_sdk::status::Status;
 use crossbeam_queue::ArrayQueue;
 
 use super::outlet::Outlet;
-use crate::model::limits::DURATION_MAX;
-use crate::model::time::nanoseconds;
 use crate::port::block::{Newest, Sample};
 use crate::port::exchange::Exchange;
-use crate::port::gate::Gate;
+use crate::port::gate::{Gate, patience_ns};
 use crate::port::wait::{Place, Waiter};
 use crate::sys::bell::{Ring, Signal};
 
@@ -314,36 +312,26 @@ impl Subscriber {
             return Err(Status::Cycle);
         }
         self.waiting.store(true, Ordering::SeqCst);
-        let until_ns = self.until_ns(wait, place.now_ns());
-        let end = loop {
-            if self.arrivals.load(Ordering::SeqCst) != arrivals {
-                break Ok(());
-            }
-            if self.ends.load(Ordering::SeqCst) != ends {
-                break Err(Status::from_code(self.end.load(Ordering::SeqCst)));
-            }
-            if !self.gate.lets_wait(closings) {
-                break Err(Status::Cancelled);
-            }
-            if place.now_ns() >= until_ns {
-                break Err(Status::Timeout);
-            }
-            if place.park(until_ns).is_err() {
-                break Err(Status::Cancelled);
-            }
-        };
+        let until_ns = place.now_ns().saturating_add(patience_ns(wait, self.terms.timeout_ns));
+        let look = || self.ended(arrivals, ends);
+        // What came before that was said rang for nobody.
+        let end = look().unwrap_or_else(|| self.gate.wait(closings, until_ns, place, look));
         self.stop_waiting();
         end
+    }
+
+    /// How a wait ended that began at these counts.
+    fn ended(&self, arrivals: u64, ends: u32) -> Option<Result<(), Status>> {
+        if self.arrivals.load(Ordering::SeqCst) != arrivals {
+            return Some(Ok(()));
+        }
+        let is_ended = self.ends.load(Ordering::SeqCst) != ends;
+        is_ended.then(|| Err(Status::from_code(self.end.load(Ordering::SeqCst))))
     }
 
     fn stop_waiting(&self) {
         self.waiting.store(false, Ordering::Relaxed);
         self.waiter.end();
-    }
-
-    fn until_ns(&self, wait: Wait, now_ns: u64) -> u64 {
-        let time_ns = if wait == Wait::DEFAULT { self.terms.timeout_ns } else { wait.0 };
-        now_ns.saturating_add(time_ns.min(nanoseconds(DURATION_MAX)))
     }
 
     /// Cycle and state of its server.

@@ -134,6 +134,10 @@ fn evidence(evidence: &Value) -> String {
             let ms = |name: &str| evidence[name].as_f64().unwrap_or_default() / 1e6;
             format!("took {:.3} ms of {:.3} ms", ms("took_ns"), ms("budget_ns"))
         }
+        Some("silence") => {
+            let ms = |name: &str| evidence[name].as_f64().unwrap_or_default() / 1e6;
+            format!("{} heard nothing for {:.1} ms of {:.1} ms", text("port"), ms("silent_ns"), ms("max_age_ns"))
+        }
         Some("value") => format!("{} {} is {}, limit {}", text("port"), text("field"), text("value"), text("limit")),
         _ => String::new(),
     }
@@ -174,6 +178,8 @@ mod tests {
         assert_eq!(evidence(&json!({"kind": "text", "message": "lost"})), "lost");
         let time = json!({"kind": "time", "took_ns": 2_500_000, "budget_ns": 1_000_000});
         assert_eq!(evidence(&time), "took 2.500 ms of 1.000 ms");
+        let silence = json!({"kind": "silence", "port": "a.in", "silent_ns": 120_000_000, "max_age_ns": 100_000_000});
+        assert_eq!(evidence(&silence), "a.in heard nothing for 120.0 ms of 100.0 ms");
         let value = json!({"kind": "value", "port": "ranges", "field": "min", "value": 9.5, "limit": 3.0});
         assert_eq!(evidence(&value), "ranges min is 9.5, limit 3.0");
     }

@@ -6,6 +6,9 @@ pub mod crash;
 /// A callback that returned late.
 pub mod deadline;
 
+/// Silence of a port.
+pub mod freshness;
+
 /// Whether memory may be damaged after a fault.
 pub mod taint;
 

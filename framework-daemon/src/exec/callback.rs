@@ -7,7 +7,7 @@ use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 use super::strand::{self, Frame, Pause, Strand};
 use super::unit::{Limits, Parts, Unit};
 use crate::detect::{crash, taint};
-use crate::model::fault::{Evidence, Fault, Memory, ShortText};
+use crate::model::fault::{Evidence, Fault, Memory, ShortText, Stage};
 use crate::model::symptom::Symptom;
 use crate::plugin::host;
 use crate::port::check;
@@ -273,6 +273,7 @@ fn trapped(trap: &Trap) -> Fault {
         injected: injected.is_some(),
         thread_lost: trap.thread_lost,
         memory: taint::of_trap(symptom, trap),
+        stage: Stage::Confirmed,
         evidence: Evidence::Trap(trap.evidence),
     }
 }

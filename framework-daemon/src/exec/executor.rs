@@ -187,12 +187,15 @@ struct Run {
     ran: Vec<usize>,
     /// Those with timed servers.
     timed: Vec<usize>,
+    /// Those that look for silence.
+    watchful: Vec<usize>,
 }
 
 impl Run {
     fn new(bell: Arc<Bell>, inbox: Receiver<Command>, faults: FaultSender) -> Self {
         let crew = Crew::new(faults);
-        Self { bell, inbox, crew, members: Vec::new(), order: Vec::new(), ran: Vec::new(), timed: Vec::new() }
+        let [order, ran, timed, watchful] = [const { Vec::new() }; 4];
+        Self { bell, inbox, crew, members: Vec::new(), order, ran, timed, watchful }
     }
 
     fn until_quit(mut self) {
@@ -302,8 +305,11 @@ impl Run {
         self.order = (0..self.members.len()).filter(|number| self.members[*number].is_some()).collect();
         self.order.sort_by_key(|number| self.members[*number].as_ref().map(|member| member.rank));
         self.ran.reserve(self.members.len());
-        let is_timed = |number: &usize| self.members[*number].as_ref().is_some_and(|member| member.is_timed());
-        self.timed = self.order.iter().copied().filter(is_timed).collect();
+        let those = |is: fn(&Member) -> bool| {
+            let is_one = |number: &usize| self.members[*number].as_deref().is_some_and(is);
+            self.order.iter().copied().filter(is_one).collect()
+        };
+        (self.timed, self.watchful) = (those(Member::is_timed), those(Member::is_watchful));
     }
 
     fn cycle(&mut self) {
@@ -311,6 +317,7 @@ impl Run {
         self.go_on_recovering(now);
         self.end_waits(now);
         self.tick(now);
+        self.look_for_silence(now);
         for place in 0..self.order.len() {
             let number = self.order[place];
             if self.is_due(number, now) {
@@ -329,6 +336,17 @@ impl Run {
     /// Cycles of timed servers that are due.
     fn tick(&self, now_ns: u64) {
         self.active_timed().for_each(|member| member.tick(now_ns));
+    }
+
+    /// Inputs whose newest value may be too old by now.
+    fn look_for_silence(&mut self, now_ns: u64) {
+        for place in 0..self.watchful.len() {
+            if let Some(Some(member)) = self.members.get_mut(self.watchful[place])
+                && member.next_look_ns().is_some_and(|due_ns| due_ns <= now_ns)
+            {
+                member.look_for_silence(now_ns);
+            }
+        }
     }
 
     fn active_timed(&self) -> impl Iterator<Item = &Member> {
@@ -360,6 +378,9 @@ impl Run {
         let rings = member.signal.take();
         if rings.has(Ring::Task) {
             member.hear_tasks(&mut self.crew);
+        }
+        if rings.has(Ring::Charge) {
+            member.hear_charges(&mut self.crew);
         }
         if member.strand.waits() {
             member.strand.hold(rings.without(Ring::Wait));
@@ -445,6 +466,8 @@ impl Run {
         let waits = self.members.iter().flatten().filter_map(|member| member.strand.until_ns());
         let breaths = breaths.map(|breath| breath.until_ns());
         let ticks = self.active_timed().filter_map(Member::next_tick_ns);
-        periodic.map(|member| member.next_due_ns).chain(breaths).chain(waits).chain(ticks).min()
+        let watchful = self.watchful.iter().filter_map(|number| self.members[*number].as_deref());
+        let looks = watchful.filter_map(Member::next_look_ns);
+        periodic.map(|member| member.next_due_ns).chain(breaths).chain(waits).chain(ticks).chain(looks).min()
     }
 }

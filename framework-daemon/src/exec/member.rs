@@ -9,6 +9,7 @@ use super::callback::{self, Call, Fibers};
 use super::checkpoint::Checkpoint;
 use super::recover::Breath;
 use super::service;
+use super::silence::Vigil;
 use super::slot::Slot;
 use super::strand::{Job, Pause, Strand};
 use super::unit::Unit;
@@ -104,6 +105,8 @@ pub struct Member {
     pub early: Option<Fault>,
     /// What a successor goes on from.
     pub checkpoint: Option<Checkpoint>,
+    /// Its inputs whose silence is a fault.
+    pub vigils: Vec<Vigil>,
     /// A recovery that waits for its next try.
     pub breath: Option<Box<Breath>>,
 }
@@ -213,6 +216,8 @@ impl Member {
             // Multiples of the period: all members of one period begin together, on every executor.
             self.next_due_ns = (clock::now_ns() / period + 1) * period;
         }
+        self.slot.outputs.iter().for_each(|port| port.forget_episodes());
+        self.begin_vigils();
         let _ = self.signal.take();
         if self.trigger == Trigger::Nonperiodic && self.slot.inputs.iter().any(|port| port.has_data()) {
             self.signal.ring(Ring::Data);

@@ -22,6 +22,12 @@ pub mod member;
 /// Faults on threads that a component started.
 pub mod astray;
 
+/// Faults of a slot that somebody else saw.
+pub mod charge;
+
+/// Silence at a slot's inputs.
+pub mod silence;
+
 /// Instances come and go: constructor and `initialize`, `stop`, `destroy` and the drop.
 pub mod prepare;
 

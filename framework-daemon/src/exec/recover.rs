@@ -15,11 +15,12 @@ use super::service;
 use super::slot::Status;
 use super::strand::{Job, Pause};
 use super::unit::Unit;
-use crate::model::fault::{Fault, FaultEvent, FaultSender, Outcome, Times};
+use crate::model::fault::{Fault, FaultEvent, FaultSender, Outcome, Stage, Times};
 use crate::model::ladder::Answer;
 use crate::model::lifecycle::{Event, State};
 use crate::model::limits::{BREATH_MAX, BREATH_MIN, BREATHLESS_FAILURES, RECOVERY_STEPS_MAX, TASK_END};
 use crate::model::time::nanoseconds;
+use crate::port::charge;
 use crate::port::pattern::provider::Openness;
 use crate::profile::plan::Trigger;
 use crate::sys::bell::Ring;
@@ -27,10 +28,10 @@ use crate::sys::clock;
 
 static LOST: AtomicU64 = AtomicU64::new(0);
 
-/// Fault events that found the fault manager's queue full.
+/// Fault events that found the fault manager's queue full, or that of the slot which they charge.
 #[must_use]
 pub fn lost_events() -> u64 {
-    LOST.load(Ordering::Relaxed)
+    LOST.load(Ordering::Relaxed) + charge::lost()
 }
 
 /// How one step of the ladder ended. Small, because a fault is large and a step that holds returns none; that of a step
@@ -106,6 +107,9 @@ impl Breath {
 impl Member {
     /// Answers a fault of this slot.
     pub fn handle(&mut self, fault: &Fault, crew: &mut Crew) {
+        if fault.stage != Stage::Confirmed {
+            return self.note(fault, crew);
+        }
         self.answer(fault, crew);
         // That took its time.
         crew.ended_ns = 0;
@@ -428,7 +432,9 @@ impl Member {
 
     /// A fault that is only written down.
     pub(super) fn note(&mut self, fault: &Fault, crew: &mut Crew) {
-        Status::count(&self.slot.status.faults);
+        if fault.stage == Stage::Confirmed {
+            Status::count(&self.slot.status.faults);
+        }
         let class = self.slot.status.class();
         self.tell_manager(fault, class, Answer::Ignore, Outcome::Ignored, Record::default(), crew);
     }

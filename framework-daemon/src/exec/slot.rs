@@ -7,6 +7,7 @@ use super::task::Tasks;
 use crate::model::fault::Memory;
 use crate::model::lifecycle::State;
 use crate::port::border::PortEnd;
+use crate::port::charge::Charges;
 use crate::port::event_ends::EventEnds;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
@@ -29,6 +30,8 @@ pub struct Slot {
     pub unlisted: Vec<&'static str>,
     /// Event ports.
     pub events: EventEnds,
+    /// What others charge it with.
+    pub charges: Arc<Charges>,
     /// Threads of its component.
     pub tasks: Arc<Tasks>,
     /// Values that arrive, or cycles that begin, enter a handler of it.

@@ -13,7 +13,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use crate::model::fault::{Evidence, FaultEvent};
+use crate::model::fault::{Evidence, FaultEvent, Stage};
 use crate::plugin::symbols::Origin;
 use crate::sys::clock;
 
@@ -62,7 +62,7 @@ impl Journal {
     /// Writes a fault; returns the line, whether or not it could be written.
     pub fn fault(&mut self, event: &FaultEvent, origin: &Origin) -> (Map<String, Value>, io::Result<()>) {
         match describe(event, origin) {
-            Ok(fields) => self.line("fault", event.fault.at_ns, fields),
+            Ok(fields) => self.line(event.fault.stage.kind(), event.fault.at_ns, fields),
             Err(error) => (Map::new(), Err(error)),
         }
     }
@@ -126,6 +126,10 @@ fn describe(event: &FaultEvent, origin: &Origin) -> io::Result<Map<String, Value
     line.insert("memory".into(), to_value(&event.fault.memory)?);
     line.insert("evidence".into(), to_value(&Found { evidence: &event.fault.evidence, origin })?);
     line.insert("diagnosis".into(), to_value(&Diagnosis { faulty: event.slot, severity: event.severity })?);
+    if event.fault.stage != Stage::Confirmed {
+        line.insert("outcome".into(), event.fault.stage.kind().into());
+        return Ok(line);
+    }
     line.insert("action".into(), to_value(&event.answer)?);
     line.insert("successor".into(), event.successor.map_or(Value::Null, Value::from));
     line.insert("outcome".into(), to_value(&event.outcome)?);

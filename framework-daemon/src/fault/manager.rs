@@ -13,8 +13,9 @@ use super::feed::Feed;
 use super::journal::Journal;
 use super::ledger::{Ledger, Verdict};
 use crate::exec::recover::lost_events;
-use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Memory, Outcome, RestartRequest};
+use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Memory, Outcome, RestartRequest, Stage};
 use crate::model::limits::FAULT_EVENTS;
+use crate::model::symptom::Symptom;
 use crate::plugin::symbols::{Origin, Symbols};
 use crate::sys::{foreign, thread, trap};
 
@@ -174,6 +175,9 @@ fn tell(event: &FaultEvent, origin: &Origin) {
     let FaultEvent { slot, class, fault, .. } = event;
     let symptom = fault.symptom.name();
     let message = describe(fault, origin);
+    if fault.stage != Stage::Confirmed {
+        return tracing::info!("slot {slot} ({class}): {symptom} {}: {message}", fault.stage.kind());
+    }
     match event.outcome {
         Outcome::Recovered => {
             let took = event.times.first_callback_ns.unwrap_or_default() as f64 / 1e3;
@@ -192,6 +196,15 @@ fn tell(event: &FaultEvent, origin: &Origin) {
 /// What happened, in words: `SIGSEGV at 0x8 in ticker::step+0x12 (libticker.so), memory suspect`.
 fn describe(fault: &Fault, origin: &Origin) -> String {
     let mut text = fault.evidence.text().to_owned();
+    match &fault.evidence {
+        Evidence::Value { port, field, value, limit } if fault.symptom != Symptom::Overload => {
+            text = value_in_words(port.as_str(), field.as_str(), *value, *limit);
+        }
+        Evidence::Silence { silent_ns, max_age_ns, .. } => {
+            text.push_str(&format!(" heard nothing for {}, at most {}", time(*silent_ns), time(*max_age_ns)));
+        }
+        _ => {}
+    }
     if let Evidence::Trap(trap) = &fault.evidence
         && matches!(trap.signal, libc::SIGSEGV | libc::SIGBUS)
     {
@@ -205,6 +218,15 @@ fn describe(fault: &Fault, origin: &Origin) -> String {
         text.push_str(", memory suspect");
     }
     text
+}
+
+fn value_in_words(port: &str, field: &str, value: f64, limit: f64) -> String {
+    let place = if field.is_empty() { port.to_owned() } else { format!("{port}, field {field}") };
+    if limit.is_nan() { format!("{place}: {value}") } else { format!("{place}: {value}, limit {limit}") }
+}
+
+fn time(ns: u64) -> String {
+    format!("{:.1} ms", ns as f64 / 1e6)
 }
 
 fn action(event: &FaultEvent) -> &'static str {

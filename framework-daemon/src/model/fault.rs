@@ -27,6 +27,8 @@ pub struct Fault {
     pub thread_lost: bool,
     /// Whether memory may be damaged.
     pub memory: Memory,
+    /// Whether it begins or is over.
+    pub stage: Stage,
     /// What it rests on.
     pub evidence: Evidence,
 }
@@ -42,7 +44,33 @@ impl Fault {
             injected: false,
             thread_lost: false,
             memory: Memory::Sound,
+            stage: Stage::Confirmed,
             evidence,
+        }
+    }
+}
+
+/// Where a fault that lasts stands: a value that is bad, a silence. What was only suspected is no fault.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Stage {
+    /// It is certain: from now on it is a fault.
+    #[default]
+    Confirmed,
+    /// The first good value after it.
+    Healed,
+    /// It has been good for as long as it had to be bad.
+    Cleared,
+}
+
+impl Stage {
+    /// What a line of the journal about it is called.
+    #[must_use]
+    pub const fn kind(self) -> &'static str {
+        match self {
+            Self::Confirmed => "fault",
+            Self::Healed => "healed",
+            Self::Cleared => "cleared",
         }
     }
 }
@@ -96,6 +124,15 @@ pub enum Evidence {
         /// The bound that it crossed.
         limit: f64,
     },
+    /// Nothing arrived.
+    Silence {
+        /// Slot and port that waited.
+        port: Label,
+        /// For how long nothing arrived, in nanoseconds.
+        silent_ns: u64,
+        /// For how long it may, in nanoseconds.
+        max_age_ns: u64,
+    },
 }
 
 /// A signal and where it struck.
@@ -136,6 +173,7 @@ impl Evidence {
             Self::Trap(trap) => trap.signal_name(),
             Self::Panic { message, .. } | Self::Text { message } => message.as_str(),
             Self::Value { field, .. } => field.as_str(),
+            Self::Silence { port, .. } => port.as_str(),
             Self::Time { .. } => "it returned late",
         }
     }

@@ -148,6 +148,8 @@ pub const SAFE_OUTPUT_WAIT: Duration = Duration::from_millis(50);
 pub const LOG_RECORDS: usize = 1_024;
 /// Lines of the daemon's own log waiting to be written.
 pub const LOG_LINES: usize = 4_096;
+/// Charges by others that wait for one slot.
+pub const CHARGES: usize = 4;
 /// Fault events waiting for the fault manager.
 pub const FAULT_EVENTS: usize = 4_096;
 /// Idle fibers that an executor makes room for, for each size of stack.

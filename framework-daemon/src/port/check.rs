@@ -139,7 +139,9 @@ impl Checks {
 
     /// Begins anew: the writer was reset or replaced, and what its successor writes wrongly is another fault.
     pub fn forget_episodes(&self) {
-        self.anew.store(true, Ordering::Release);
+        if !self.is_empty() {
+            self.anew.store(true, Ordering::Release);
+        }
     }
 
     /// Judges one value: dropping it weighs more than holding an earlier one, and that more than passing it.

@@ -17,12 +17,15 @@ use crossbeam_queue::ArrayQueue;
 use super::block::{Block, Newest, Sample};
 use super::check::Checks;
 use super::exchange::{self, Busy};
+use super::hearing::Hearing;
 use super::output::{Borrower, OutPort};
 use super::pattern::outlet::Outlet;
 use super::pattern::subscriber::{Subscriber, Turn};
 use super::wait::Place;
+use crate::model::fault::Fault;
 use crate::model::limits::FIFO_SIZE_MAX;
 use crate::profile::plan::{Overflow, Queue};
+use crate::sys::clock;
 
 /// Told when data arrives: wakes a nonperiodic slot.
 pub trait Listener: Send + Sync {
@@ -61,6 +64,8 @@ pub struct InPort {
     pub checks: Checks,
     arrived: Arrived,
     reader: Reader,
+    /// Where silence is a fault.
+    hearing: Option<Box<Hearing>>,
     /// What a callback looks at.
     current: Newest,
     // What a thread of the component looks at. Taken for a few instructions; writers never touch it. Nothing is dropped under
@@ -89,6 +94,7 @@ impl InPort {
             checks,
             arrived,
             reader: Reader::All,
+            hearing: None,
             current: Newest::default(),
             aside: Mutex::new(None),
             sources: Mutex::default(),
@@ -97,6 +103,34 @@ impl InPort {
             passed_over: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
         }
+    }
+
+    /// One whose silence for longer than that is a fault of its writers.
+    #[must_use]
+    pub fn expecting(self, max_age_ns: u64) -> Self {
+        Self { hearing: Some(Box::new(Hearing::new(max_age_ns))), ..self }
+    }
+
+    /// Its arrivals, where its silence is a fault.
+    #[must_use]
+    pub fn hearing(&self) -> Option<&Hearing> {
+        self.hearing.as_deref()
+    }
+
+    /// True where values are to come: it is connected, or its subscription runs.
+    #[must_use]
+    pub fn is_awaited(&self) -> bool {
+        match self.subscriber() {
+            Some(subscriber) => subscriber.standing().is_ok(),
+            None => self.sources().is_ok_and(|sources| !sources.is_empty()),
+        }
+    }
+
+    /// Charges the slots of all its writers. False: its connections are being changed all the time.
+    pub fn charge_writers(&self, fault: &Fault) -> bool {
+        let Ok(sources) = self.sources() else { return false };
+        sources.iter().filter_map(Source::upgrade).for_each(|output| output.charge(fault));
+        true
     }
 
     /// One that gets every n-th value only.
@@ -226,6 +260,9 @@ impl InPort {
                 Err(_) => self.lost(Pushed::NewestLost),
             },
         };
+        if let Some(hearing) = &self.hearing {
+            hearing.heard();
+        }
         if let Some(listener) = self.listener.get() {
             listener.data_arrived();
         }
@@ -245,8 +282,16 @@ impl InPort {
 
     /// That writer is connected.
     pub(super) fn joined(&self, outlet: &Arc<Outlet>) {
+        self.expect_anew();
         if let Some(subscriber) = self.subscriber() {
             subscriber.join(outlet);
+        }
+    }
+
+    /// Whatever it has waited for until now, it waits from now on.
+    pub(super) fn expect_anew(&self) {
+        if let Some(hearing) = &self.hearing {
+            hearing.begin(clock::now_ns());
         }
     }
 

@@ -13,6 +13,12 @@ mod border_calls;
 
 mod border_events;
 
+/// Faults of a slot that somebody else saw.
+pub mod charge;
+
+/// When values arrive at an input whose silence is a fault.
+pub mod hearing;
+
 /// Range checks on the values of a port or connection.
 pub mod check;
 

@@ -3,7 +3,7 @@
 //! The callbacks of the slot, one thread at a time, lend, fill and send without a lock. Threads that a component started take
 //! turns beside them, with blocks of their own, made when they first write.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use component_sdk::abi::payload::LoanResult;
 use component_sdk::object::TypeDescriptor;
@@ -12,6 +12,7 @@ use component_sdk::status::Status;
 use crossbeam_queue::ArrayQueue;
 
 use super::block::Sample;
+use super::charge::Charges;
 use super::check::{self, Candidate, Checks, Verdict};
 use super::exchange::{Busy, Exchange};
 use super::input::{InPort, Pushed};
@@ -21,6 +22,7 @@ use super::pattern::subscriber::Turn;
 use super::pool::{Lost, Pool};
 use super::tap::{Heard, Tap, Taps};
 use super::wait::Waiter;
+use crate::model::fault::Fault;
 use crate::model::limits::{SPARE_BLOCKS, SPARE_LINKS};
 use crate::sys::clock;
 
@@ -115,6 +117,8 @@ pub struct OutPort {
     /// Checks of the port itself.
     pub checks: Checks,
     outlet: Arc<Outlet>,
+    /// Of its slot.
+    charges: OnceLock<Arc<Charges>>,
     table: Exchange<Table>,
     blanks: ArrayQueue<Vec<Link>>,
     blocks: Pool,
@@ -136,7 +140,8 @@ impl OutPort {
         blocks.grow_to(SPARE_BLOCKS);
         let table = Exchange::new(Table { way: own_way(&checks, &outlet), ..Table::default() });
         let (aside, blanks) = (Mutex::new(Pool::new(object, Lost::Never)), ArrayQueue::new(BLANKS));
-        Self { name: name.to_owned(), object, checks, outlet: Arc::new(outlet), table, blanks, blocks, aside }
+        let (name, outlet, charges) = (name.to_owned(), Arc::new(outlet), OnceLock::new());
+        Self { name, object, checks, outlet, charges, table, blanks, blocks, aside }
     }
 
     /// Changes the connections, all at once: a value on its way goes over all old ones or over all new ones, and over those
@@ -202,14 +207,26 @@ impl OutPort {
         self.table.visit(|table| table.links.first().map(|link| Arc::clone(&link.target)))
     }
 
+    /// Says which slot it belongs to; once.
+    pub fn belong_to(&self, charges: Arc<Charges>) {
+        let _ = self.charges.set(charges);
+    }
+
+    /// Charges its slot with a fault that somebody else saw.
+    pub fn charge(&self, fault: &Fault) {
+        // One that is lost is counted.
+        self.charges.get().into_iter().for_each(|charges| _ = charges.charge(fault));
+    }
+
     /// Begins the checks of this port and its connections anew. Called by the thread that enters the slot's callbacks, between
     /// them.
     pub fn forget_episodes(&self) {
         self.with_table(Borrower::Callback, |table| {
             self.checks.forget_episodes();
-            for link in table.links.iter().filter(|_| table.way == Way::Judged) {
+            for link in &table.links {
                 link.checks.forget_episodes();
                 link.target.checks.forget_episodes();
+                link.target.expect_anew();
             }
             table.taps.iter().flat_map(|taps| taps.iter()).for_each(|tap| tap.begins_anew());
         });

@@ -18,8 +18,8 @@ use crate::model::limits;
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
 /// Symptoms that no detector reports yet.
-const NOT_DETECTED: [Symptom; 7] =
-    [Symptom::Rate, Symptom::Stale, Symptom::Type, Symptom::Model, Symptom::Vote, Symptom::Device, Symptom::Late];
+const NOT_DETECTED: [Symptom; 6] =
+    [Symptom::Rate, Symptom::Type, Symptom::Model, Symptom::Vote, Symptom::Device, Symptom::Late];
 
 /// `fault_tolerance` as written, references not yet resolved.
 #[derive(Clone, Debug, Serialize)]
@@ -308,6 +308,5 @@ pub fn max_age(parent: &Element, report: &mut Reporter) -> Option<Duration> {
         report.error(found.text_span, "max_age must be more than 0");
         return None;
     }
-    report.not_active(found.name_span, "<max_age>");
     Some(age)
 }

@@ -14,6 +14,7 @@ use super::wiring;
 use crate::exec::checkpoint::Checkpoint;
 use crate::exec::executor::Executor;
 use crate::exec::member::{Member, Standby};
+use crate::exec::silence;
 use crate::exec::slot::{Slot, Status};
 use crate::exec::strand::Strand;
 use crate::exec::task::Tasks;
@@ -26,6 +27,7 @@ use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP};
 use crate::model::names;
 use crate::model::schedule::Schedule;
 use crate::plugin::Class;
+use crate::port::charge::Charges;
 use crate::port::input::InPort;
 use crate::port::pattern::subscriber::Subscriber;
 use crate::port::pattern::turns;
@@ -153,6 +155,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         providers: providers.into_iter().map(Arc::new).collect(),
         unlisted,
         events,
+        charges: Arc::new(Charges::new(Arc::clone(&signal))),
         tasks: Arc::new(Tasks::new(name, Arc::clone(&signal), waiter)),
         handles_pushes,
         status: Status::new(recipes.iter().map(|recipe| recipe.class_name).collect()),
@@ -165,11 +168,13 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
     }
     slot.requestors.iter().for_each(|port| port.listen(Arc::clone(&signal)));
     slot.inputs.iter().filter_map(|port| port.subscriber()).for_each(|port| port.listen(Arc::clone(&signal)));
+    slot.outputs.iter().for_each(|port| port.belong_to(Arc::clone(&slot.charges)));
     slot.outputs.iter().for_each(|port| port.outlet().listen(Arc::clone(&signal)));
     slot.providers.iter().for_each(|port| port.listen(Arc::clone(&signal)));
     turns::share(&slot.providers);
     slot.events.listen(&signal);
     let shelf = workshop.shelf(&slot, recipes, plan.rules.ready_spares(), plan.rules.severity.clone());
+    let vigils = silence::vigils(&slot.inputs);
     let intensity = plan.rules.reset.map(|intensity| (intensity.limit, intensity.within));
     Member {
         slot,
@@ -187,6 +192,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         inject: std::collections::VecDeque::new(),
         early: None,
         checkpoint: plan.rules.checkpoint.map(Checkpoint::every),
+        vigils,
         breath: None,
     }
 }

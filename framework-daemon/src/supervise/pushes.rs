@@ -59,6 +59,10 @@ pub(super) fn input(decl: &PortDecl, component: &ComponentPlan, waiter: &Arc<Wai
         (None, _) => Queue::Last,
     };
     let input = InPort::new(decl.name.as_str(), decl.object, queue, checks(decl, declared)?);
+    let input = match declared.and_then(|port| port.max_age) {
+        Some(max_age) => input.expecting(nanoseconds(max_age)),
+        None => input,
+    };
     Ok(match push.prescale {
         _ if is_client => input.subscribed_by(Subscriber::new(terms(decl, push), Arc::clone(waiter))),
         Some(prescale) if prescale > 1 => input.thinned(prescale),

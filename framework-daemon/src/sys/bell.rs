@@ -161,6 +161,8 @@ pub enum Ring {
     Wait = 4,
     /// A task has something to tell.
     Task = 8,
+    /// Somebody charges it with a fault.
+    Charge = 16,
 }
 
 /// Why a member was rung for since it was looked at last: several reasons at once.

@@ -13,6 +13,7 @@ use framework_daemon::exec::task::Tasks;
 use framework_daemon::exec::unit::{Limits, Recipe, Source, Unit};
 use framework_daemon::plugin::Plugin;
 use framework_daemon::port::border::HOST;
+use framework_daemon::port::charge::Charges;
 use framework_daemon::port::event_ends::EventEnds;
 use framework_daemon::port::wait::Waiter;
 use framework_daemon::sys::bell::{Bell, Signal};
@@ -87,6 +88,7 @@ fn idle_unit(fibers: &mut Fibers) -> Box<Unit> {
         providers: Vec::new(),
         unlisted: Vec::new(),
         events: EventEnds::default(),
+        charges: Arc::new(Charges::new(Signal::new(Bell::new()))),
         tasks: Arc::new(Tasks::new("bench", Signal::new(Bell::new()), Waiter::new())),
         handles_pushes: false,
         status: Status::new(vec!["Diary"]),

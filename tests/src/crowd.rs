@@ -21,6 +21,8 @@ pub struct Crowd {
     pub asked: u64,
     /// Those that were answered.
     pub answered: u64,
+    /// Values that came by a push.
+    pub heard: u64,
     /// Faults on the way.
     pub faults: u64,
     /// All that was not right.
@@ -31,8 +33,8 @@ impl Crowd {
     /// In words.
     #[must_use]
     pub fn text(&self) -> String {
-        let Self { asked, answered, faults, problems } = self;
-        format!("{asked} asked, {answered} answered, {faults} faults; problems: {problems:?}")
+        let Self { asked, answered, heard, faults, problems } = self;
+        format!("{asked} asked, {answered} answered, {heard} heard, {faults} faults; problems: {problems:?}")
     }
 }
 
@@ -75,10 +77,10 @@ pub fn run(busy: Duration) -> Crowd {
     problems.extend(daemon.entries("fault").iter().filter(|fault| strange(fault)).map(Value::to_string));
     problems.extend(slots.iter().filter(|slot| slot["state"] != "active").map(Value::to_string));
     let faults = slots.iter().filter_map(|slot| slot["faults"].as_u64()).sum();
-    Crowd { asked: sum(" asked"), answered: sum(" answered"), faults, problems }
+    Crowd { asked: sum(" asked"), answered: sum(" answered"), heard: sum(" heard"), faults, problems }
 }
 
-/// `settled: 12 asked, 7 answered`.
+/// `settled: 12 asked, 7 answered, 3 heard`.
 fn number_before(line: &str, word: &str) -> Option<u64> {
     line.split(word).next()?.rsplit(' ').next()?.parse().ok()
 }

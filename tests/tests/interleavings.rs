@@ -37,5 +37,5 @@ fn no_call_is_lost_or_doubled_and_nobody_waits_for_ever() {
 fn on_real_threads_every_question_has_its_end() {
     let crowd = tests::crowd::run(std::time::Duration::from_secs(4));
     assert!(crowd.problems.is_empty(), "{crowd:#?}");
-    assert!(crowd.answered > 100 && crowd.faults > 0, "{crowd:#?}");
+    assert!(crowd.answered > 100 && crowd.heard > 0 && crowd.faults > 0, "{crowd:#?}");
 }

@@ -1,5 +1,5 @@
-//! Components that ask each other whatever comes to their minds, over connections that they make and cut themselves, fail
-//! now and then, and count: nothing is to be lost or doubled.
+//! Components that ask and tell each other whatever comes to their minds, over connections that they make and cut
+//! themselves, fail now and then, and count: nothing is to be lost or doubled.
 
 use std::hint::black_box;
 use std::sync::OnceLock;
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use component_sdk::prelude::*;
 
-use crate::{Ask, Told};
+use crate::{Ask, Told, ledger};
 
 /// Numbers of questions: each is given once in a process.
 static NUMBERS: AtomicU64 = AtomicU64::new(1);
@@ -17,6 +17,7 @@ static BEGAN: OnceLock<Instant> = OnceLock::new();
 /// Questions that a port may have open, where its profile says nothing.
 const PENDING: usize = 8;
 const PATIENCE: Duration = Duration::from_secs(20);
+const CLIENTS: [&str; 4] = ["one", "two", "sends", "hears"];
 /// Callbacks from one look at the places to the next.
 const BETWEEN_LOOKS: u32 = 50;
 
@@ -45,6 +46,14 @@ pub struct Member {
     two: QueryClient<Ask, Told>,
     #[port(handler = on_ask)]
     tells: QueryServer<Ask, Told>,
+    #[port]
+    sends: SendClient<Ask>,
+    #[port(handler = on_note)]
+    notes: SendServer<Ask>,
+    #[port]
+    says: PushServer<Told>,
+    #[port(handler = on_told, fifo = 8)]
+    hears: PushClient<Told>,
     /// Number of this one; its slot is called `member` and that.
     #[property(default = 0)]
     me: u64,
@@ -63,6 +72,7 @@ pub struct Member {
     acts: u64,
     asked: u64,
     answered: u64,
+    heard: u64,
     rest: Rest,
 }
 
@@ -147,10 +157,37 @@ impl Member {
         Ok(())
     }
 
+    /// Taken once it is here: whatever becomes of this instance, it does not come again.
+    fn on_note(&mut self, cx: &mut Context<'_>, note: &Ask) -> Outcome {
+        self.right(cx, note.number, "a message came twice", |_| ledger::taken(note.number));
+        if self.rest == Rest::No {
+            self.act(cx);
+        }
+        Ok(())
+    }
+
+    fn on_told(&mut self, cx: &mut Context<'_>, told: &Told) -> Outcome {
+        self.heard += 1;
+        self.right(cx, told.number, "half a value", |_| told.handled == answer_to(told.number));
+        Ok(())
+    }
+
+    fn send(&mut self) {
+        let note = self.ask();
+        if self.sends.send(note).is_ok() {
+            ledger::sent();
+        }
+    }
+
+    fn say(&mut self) {
+        let number = self.ask().number;
+        let _ = (self.hears.subscribe(1), self.says.put(Told { number, handled: answer_to(number) }));
+    }
+
     fn act(&mut self, cx: &mut Context<'_>) {
         self.acts += 1;
         let first = self.below(2) == 0;
-        match self.below(32) {
+        match self.below(44) {
             0..7 => self.request(first),
             7..13 => self.query(first, cx),
             13..20 => self.receive(cx),
@@ -169,20 +206,35 @@ impl Member {
                 self.connect(first, other, cx);
             }
             30 => {
-                let port = self.name(first);
-                let _ = cx.wiring().disconnect((&port.0, port.1));
+                let port = *CLIENTS.get(self.below(4) as usize).unwrap_or(&"one");
+                let _ = cx.wiring().disconnect((&self.name(), port));
+            }
+            31..37 => self.send(),
+            37..41 => self.say(),
+            41 => {
+                let other = self.below(self.members);
+                self.join("sends", other, "notes", cx);
+            }
+            42 => {
+                let other = self.below(self.members);
+                self.join("hears", other, "says", cx);
             }
             _ => self.trap(),
         }
     }
 
-    fn name(&self, first: bool) -> (String, &'static str) {
-        (format!("member{}", self.me), if first { "one" } else { "two" })
+    fn name(&self) -> String {
+        format!("member{}", self.me)
     }
 
     fn connect(&self, first: bool, other: u64, cx: &Context<'_>) {
-        let port = self.name(first);
-        if let Err(refusal) = cx.wiring().connect((&port.0, port.1), (&format!("member{other}"), "tells")) {
+        self.join(if first { "one" } else { "two" }, other, "tells", cx);
+    }
+
+    fn join(&self, port: &str, other: u64, server: &str, cx: &Context<'_>) {
+        let end = cx.wiring().connect((&self.name(), port), (&format!("member{other}"), server));
+        // Another one is at it, and has lost its processor: nobody waits for it.
+        if let Some(refusal) = end.err().filter(|refusal| refusal.status != Status::Error) {
             error!(cx, "wrong: {refusal}");
         }
     }
@@ -280,16 +332,17 @@ impl Member {
         self.rest = if self.open.is_empty() { Rest::Waits(1) } else { Rest::Settles };
     }
 
-    /// Whether every place is free again.
+    /// Whether every place is free again, and every message was taken.
     fn look_at_places(&mut self, is_last: bool, cx: &Context<'_>) {
         let free = [true, false].map(|first| self.free_places(first, cx));
-        let is_full = free == [PENDING; 2];
+        let (sent, taken) = ledger::both();
+        let is_full = free == [PENDING; 2] && sent == taken;
         if !is_full && is_last {
-            error!(cx, "wrong: {free:?} places instead of {PENDING}");
+            error!(cx, "wrong: {free:?} places instead of {PENDING}, {taken} of {sent} messages taken");
         }
         if is_full || is_last {
             self.rest = Rest::Full;
-            info!(cx, "settled: {} asked, {} answered", self.asked, self.answered);
+            info!(cx, "settled: {} asked, {} answered, {} heard", self.asked, self.answered, self.heard);
         }
     }
 

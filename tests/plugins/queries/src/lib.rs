@@ -4,6 +4,7 @@
 
 mod boot;
 mod crowd;
+mod ledger;
 mod more;
 mod server;
 mod teller;

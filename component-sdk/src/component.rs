@@ -153,6 +153,13 @@ pub trait Callbacks: Component {
         Ok(())
     }
 
+    /// The emergency stop was raised, and the profiles name this slot as an actuator: bring what it moves to rest. Its safe
+    /// outputs were written before, and are once more after this and `stop`, which follows. A fault in here changes nothing
+    /// about that.
+    fn on_emergency(&mut self, cx: &mut Context<'_>) -> Outcome {
+        Ok(())
+    }
+
     /// Once on an instance that is to stand ready, a secondary or a spare, after `initialize`: its ports read as empty
     /// and what it writes goes nowhere. Touch what `on_execute` will touch (buffers, tables), so that the first
     /// callback after a fault need not wait for memory; change nothing outside this instance.

@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 
 use crate::control::socket::Socket;
 use crate::control::{Control, ReloadOrder, Reloaded, views};
+use crate::exec::emergency;
 use crate::fault::journal::Journal;
 use crate::fault::manager::{self, Manager, SharedJournal};
 use crate::model::fault::RestartRequest;
@@ -19,7 +20,7 @@ use crate::model::limits::SHUTDOWN_STEP;
 use crate::profile::diagnostic::Diagnostic;
 use crate::profile::load;
 use crate::profile::plan::OnTaint;
-use crate::supervise::boot::BootError;
+use crate::supervise::boot::{self, BootError};
 use crate::supervise::reload::reload;
 use crate::supervise::shutdown::shutdown;
 use crate::supervise::system::{Placed, System};
@@ -154,6 +155,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
     };
     let fields = json!({"accepted": true, "directory": settings.directory, "slots": system.slots.len()});
     note(&journal, "start", &fields);
+    manager.adopt(boot::cast(&system.plan, &system.slots));
     control.publish(&system);
     // Nobody may be listening any more; the robot runs all the same.
     let _ = announce(&system, out);
@@ -306,11 +308,19 @@ impl Daemon<'_> {
     }
 
     fn reload(&mut self) -> Reloaded {
+        // A reload would build and start what the emergency stop stopped.
+        if emergency::latched() {
+            let reason = "not reloaded: the emergency stop is latched".to_owned();
+            tracing::error!("{reason}");
+            return Err(vec![reason]);
+        }
         tracing::info!("reloading {}", self.settings.directory.display());
         self.control.reloading();
+        self.manager.withdraw();
         let result = load::load(&self.settings.directory)
             .map_err(|diagnostics| diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>())
             .and_then(|loaded| reload(&mut self.system, &Arc::new(loaded.plan), &self.settings.plugins));
+        self.manager.adopt(boot::cast(&self.system.plan, &self.system.slots));
         self.control.publish(&self.system);
         match &result {
             Ok(changes) => {
@@ -333,7 +343,8 @@ impl Daemon<'_> {
     }
 
     fn tell_status(&self) {
-        let slots = self.system.slots.iter().map(|placed| views::of_running(&placed.slot, &placed.shelf));
+        let outlook = self.manager.outlook();
+        let slots = self.system.slots.iter().map(|placed| views::of_running(&placed.slot, &placed.shelf, &outlook));
         let (slots, process): (Vec<Value>, _) = (slots.collect(), views::of_process(self.manager.ledger()));
         views::status_table(&slots, &process).iter().for_each(|line| tracing::info!("{line}"));
         note(&self.journal, "status", &json!({"slots": slots, "process": process}));
@@ -342,6 +353,7 @@ impl Daemon<'_> {
     fn stop(self) {
         // Whoever asks from now on finds nobody, not a system that is half gone.
         drop(self.control);
+        self.manager.withdraw();
         let ending = self.system.slots.iter().map(|placed| &placed.slot);
         let ending: Vec<_> = ending.map(|slot| (Arc::clone(slot), slot.status.state())).collect();
         shutdown(self.system);

@@ -63,6 +63,15 @@ pub fn ask_at(socket: &Path, words: &str) -> Answer {
     answer(&verb(socket, words).output().expect("the daemon's binary runs"))
 }
 
+/// Checks a profile directory.
+///
+/// # Panics
+/// When the binary cannot be started.
+#[must_use]
+pub fn check(profiles: &Path) -> Answer {
+    answer(&Command::new(daemon_binary()).arg("check").arg(profiles).output().expect("the daemon's binary runs"))
+}
+
 /// Starts a verb that goes on.
 ///
 /// # Panics

@@ -184,7 +184,11 @@ impl Running {
         entries.filter(|entry| entry["kind"] == kind).collect()
     }
 
-    fn until(&self, what: &str, test: impl Fn() -> bool) {
+    /// Waits until `test` is true; `what` is what was waited for.
+    ///
+    /// # Panics
+    /// When it does not become so.
+    pub fn until(&self, what: &str, test: impl Fn() -> bool) {
         let began = Instant::now();
         while !test() {
             assert!(began.elapsed() < PATIENCE, "waited for {what}; the log:\n{}", self.log());

@@ -225,6 +225,7 @@ pub enum Hook {
     Recover,
     Rehearse,
     Serve,
+    Emergency,
 }
 
 /// What a callback is entered with.

@@ -157,6 +157,7 @@ fn enter<T: Callbacks>(component: &mut T, args: &CallArgs<'_>) -> Outcome {
         Hook::Recover => component.recover(cx, &fault),
         Hook::Rehearse => component.rehearse(cx),
         Hook::Serve => component.serve(cx, &Incoming::new(&args.serve)),
+        Hook::Emergency => component.on_emergency(cx),
     }
 }
 

@@ -11,8 +11,9 @@ use super::remote::{Remote, fields, parameters, section};
 use crate::control::views::{cell, table};
 use crate::model::limits::{RESETS_DEFAULT, RESETS_WINDOW};
 
-const EXAMPLES: &str = "Examples:\n  framework-daemon component list\n  framework-daemon component info avoider\n\n\
-     Exit codes: 0 answered, 5 no daemon can be reached, 6 refused: no such slot.";
+const EXAMPLES: &str = "Examples:\n  framework-daemon component list\n  framework-daemon component info avoider\n  \
+     framework-daemon component reset avoider\n\n\
+     Exit codes: 0 answered, 5 no daemon can be reached, 6 refused: no such slot, 7 the emergency stop is latched.";
 
 const LIST_EXAMPLES: &str = "Examples:\n  framework-daemon component list\n  \
      framework-daemon component list --format json | jq -r 'select(.state == \"error\") | .slot'";
@@ -20,14 +21,19 @@ const LIST_EXAMPLES: &str = "Examples:\n  framework-daemon component list\n  \
 const INFO_EXAMPLES: &str = "Examples:\n  framework-daemon component info avoider\n  \
      framework-daemon component info avoider --format json | jq .component.reset";
 
+const ORDER_EXAMPLES: &str = "Examples:\n  framework-daemon component stop camera_a\n  framework-daemon component start camera_a\n  \
+     framework-daemon component reset avoider\n\n\
+     Exit codes: 0 done, or it waits for what it needs; 5 no daemon can be reached; 6 refused; 7 the emergency stop is latched.";
+
 const COLUMNS: [&str; 9] =
     ["slot", "state", "class", "application", "trigger", "executor", "cycles", "faults", "slots"];
 
 /// What is shown of one slot, in order.
-const FIELDS: [&str; 25] = [
+const FIELDS: [&str; 26] = [
     "slot",
     "application",
     "state",
+    "reason",
     "class",
     "primary",
     "version",
@@ -71,6 +77,15 @@ pub enum Verb {
         #[command(flatten)]
         remote: Remote,
     },
+    /// Have a slot run; one that lacks what it needs runs as soon as that works.
+    #[command(after_help = ORDER_EXAMPLES)]
+    Start(Order),
+    /// Have a slot not run; those that need it stop first.
+    #[command(after_help = ORDER_EXAMPLES)]
+    Stop(Order),
+    /// Have a slot run again that a fault stopped.
+    #[command(after_help = ORDER_EXAMPLES)]
+    Reset(Order),
     /// Show all of one slot: counters, ports, properties, fault rules; or of a composite: its slots, the ports that it shows.
     #[command(after_help = INFO_EXAMPLES)]
     Info {
@@ -83,6 +98,30 @@ pub enum Verb {
     },
 }
 
+/// Arguments of `component start`, `stop` and `reset`.
+#[derive(Debug, Args)]
+pub struct Order {
+    /// The slot.
+    #[arg(value_name = "SLOT")]
+    pub slot: String,
+    /// Which daemon, and how it is printed.
+    #[command(flatten)]
+    pub remote: Remote,
+}
+
+impl Order {
+    fn give(&self, method: &str, out: &mut impl Write) -> io::Result<Exit> {
+        let asked = parameters([("slot", Some(self.slot.as_str().into()))]);
+        self.remote.ask_patiently(method, asked, out, |answer| vec![ordered(answer)])
+    }
+}
+
+/// `planner: inactive, needs 1 of camera_a camera_b`.
+pub(super) fn ordered(answer: &Value) -> String {
+    let reason = answer["reason"].as_str().map(|reason| format!(", {reason}")).unwrap_or_default();
+    format!("{}: {}{reason}", cell(&answer["slot"]), cell(&answer["state"]))
+}
+
 /// Asks.
 ///
 /// # Errors
@@ -90,6 +129,9 @@ pub enum Verb {
 pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     match &arguments.verb {
         Verb::List { remote } => remote.list("ListComponents", Map::new(), "components", out, components),
+        Verb::Start(order) => order.give("StartComponent", out),
+        Verb::Stop(order) => order.give("StopComponent", out),
+        Verb::Reset(order) => order.give("ResetComponent", out),
         Verb::Info { slot, remote } => {
             let asked = parameters([("slot", Some(slot.as_str().into()))]);
             remote.ask("DescribeComponent", asked, out, |answer| describe(&answer["component"]))

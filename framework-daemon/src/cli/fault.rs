@@ -3,8 +3,9 @@
 use std::io::{self, Write};
 
 use clap::{Args, Subcommand};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
+use super::component::ordered;
 use super::exit_code::Exit;
 use super::remote::{Remote, parameters};
 use crate::control::views::{cell, table};
@@ -17,6 +18,9 @@ const EXAMPLES: &str = "Examples:\n  framework-daemon fault list --last 20\n  fr
 const LIST_EXAMPLES: &str = "Examples:\n  framework-daemon fault list\n  framework-daemon fault list --slot avoider --last 5\n  \
      framework-daemon fault list --format json | jq -r 'select(.outcome == \"stopped\") | .slot'\n\n\
      Times of day are UTC. `took` is the time from the fault to the first completed callback.";
+
+const CLEAR_EXAMPLES: &str = "Examples:\n  framework-daemon fault clear\n\n\
+     Exit codes: 0 cleared, 5 no daemon can be reached, 6 refused: none is latched.";
 
 const FOLLOW_EXAMPLES: &str = "Examples:\n  framework-daemon fault follow\n  \
      framework-daemon fault follow --slot avoider --last 10 --format json\n\n\
@@ -48,6 +52,13 @@ pub enum Verb {
         /// How many at most.
         #[arg(long, value_name = "N", default_value_t = 100)]
         last: u64,
+        /// Which daemon, and how it is printed.
+        #[command(flatten)]
+        remote: Remote,
+    },
+    /// Take the emergency stop back: actuators start again.
+    #[command(after_help = CLEAR_EXAMPLES)]
+    Clear {
         /// Which daemon, and how it is printed.
         #[command(flatten)]
         remote: Remote,
@@ -84,6 +95,10 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
             let rows = |faults: &[Value]| table(&names, &faults.iter().map(row).collect::<Vec<_>>());
             remote.list("ListFaults", asked(slot, *last), "faults", out, rows)
         }
+        Verb::Clear { remote } => remote.ask_patiently("ClearEmergency", Map::new(), out, |answer| {
+            let actuators = answer["actuators"].as_array().into_iter().flatten().map(ordered);
+            std::iter::once("the emergency stop is cleared".to_owned()).chain(actuators).collect()
+        }),
         Verb::Follow { slot, last, count, remote } => {
             remote.follow("Follow", asked(slot, *last), *count, out, followed)
         }
@@ -109,6 +124,15 @@ fn row(line: &Value) -> Value {
     }
     for name in ["slot", "symptom", "action", "outcome"] {
         row[name] = line[name].clone();
+    }
+    if line["symptom"].is_null() {
+        row["symptom"] = line["kind"].clone();
+        row["action"] = line["step"].as_str().or(line["verb"].as_str()).into();
+        row["outcome"] = line["state"].clone();
+        let root = line["root"].as_u64().map(|root| format!("fault {root}"));
+        let told = [line["reason"].as_str().map(str::to_owned), root];
+        row["evidence"] = told.into_iter().flatten().collect::<Vec<_>>().join(", ").into();
+        return row;
     }
     row["took"] = line["times"]["first_callback_ns"].as_f64().map(|ns| format!("{:.1} us", ns / 1e3)).into();
     row["evidence"] = evidence(&line["evidence"]).into();

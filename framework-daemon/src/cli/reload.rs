@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 
 use clap::Args;
+use serde_json::Map;
 
 use super::exit_code::Exit;
 use super::remote::Remote;
@@ -11,7 +12,7 @@ use crate::supervise::reload::Changes;
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon reload\n  framework-daemon reload --format json | jq .changed\n\n\
      All or nothing: what is wrong with the new profiles is printed as `check` does, and everything runs on as it was.\n\n\
-     Exit codes: 0 reloaded, 5 no daemon can be reached, 6 refused.";
+     Exit codes: 0 reloaded, 5 no daemon can be reached, 6 refused, 7 the emergency stop is latched.";
 
 /// Arguments of `reload`.
 #[derive(Debug, Args)]
@@ -27,7 +28,7 @@ pub struct Arguments {
 /// # Errors
 /// Only those of writing.
 pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
-    arguments.remote.ask_patiently("Reload", out, |answer| {
+    arguments.remote.ask_patiently("Reload", Map::new(), out, |answer| {
         let names = |field: &str| answer[field].as_array().into_iter().flatten().map(cell).collect();
         let kept = answer["kept"].as_u64().and_then(|kept| usize::try_from(kept).ok()).unwrap_or_default();
         let changes = Changes { added: names("added"), removed: names("removed"), changed: names("changed"), kept };

@@ -47,10 +47,11 @@ impl Remote {
     pub fn ask_patiently(
         &self,
         method: &str,
+        parameters: Map<String, Value>,
         out: &mut impl Write,
         text: impl FnOnce(&Value) -> Vec<String>,
     ) -> io::Result<Exit> {
-        let answer = self.connect().and_then(|mut client| client.call_patiently(method, Map::new()));
+        let answer = self.connect().and_then(|mut client| client.call_patiently(method, parameters));
         self.finish(answer, out, |answer| self.lines(std::slice::from_ref(answer), |_| text(answer)))
     }
 
@@ -123,7 +124,8 @@ impl Remote {
             }
             Err(CallError::Refused { name, parameters }) => {
                 let lines = refusal(&name, &parameters);
-                lines.iter().try_for_each(|line| writeln!(err, "{line}")).map(|()| Exit::Refused)
+                let exit = if name.ends_with(".EmergencyLatched") { Exit::Emergency } else { Exit::Refused };
+                lines.iter().try_for_each(|line| writeln!(err, "{line}")).map(|()| exit)
             }
         }
     }

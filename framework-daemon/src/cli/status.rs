@@ -31,6 +31,11 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     arguments.remote.ask("Status", Map::new(), out, |status| {
         let head = format!("{}: {}, process {}", cell(&status["directory"]), cell(&status["state"]), status["pid"]);
+        let head = if status["emergency"] == true {
+            format!("EMERGENCY STOP latched (`fault clear` takes it back); {head}")
+        } else {
+            head
+        };
         let slots = status["slots"].as_array().map(Vec::as_slice).unwrap_or_default();
         std::iter::once(head).chain(status_table(slots, &status["process"])).collect::<Vec<String>>()
     })

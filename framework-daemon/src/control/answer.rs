@@ -8,7 +8,9 @@ use serde_json::{Value, json};
 use super::directory::{Board, Directory};
 use super::interface::{INTERFACES, Method, PortName, Refusal};
 use super::{composites, stream, views};
+use crate::exec::emergency;
 use crate::fault::manager::Outlook;
+use crate::fault::order::Refused;
 use crate::port::{registry, wiring};
 
 /// All that the control socket looks at.
@@ -43,7 +45,7 @@ impl Sight {
             Method::ListComponents => json!({"components": self.components()}),
             Method::DescribeComponent(slot) => {
                 let directory = self.directory(slot)?;
-                let own = || Ok(views::component_details(&directory, stream::entry(&directory, slot)?));
+                let own = || Ok(views::component_details(&directory, stream::entry(&directory, slot)?, &self.outlook));
                 json!({"component": composites::details(&directory, slot).map_or_else(own, Ok)?})
             }
             Method::ListPorts(None) => json!({"ports": self.all_ports()}),
@@ -61,9 +63,12 @@ impl Sight {
                 self.check_slot(slot.as_deref())?;
                 return Ok(None);
             }
+            Method::Connect(..) | Method::Disconnect(_) if emergency::latched() => {
+                return Err(Refusal::of_order(Refused::latched()));
+            }
             Method::Connect(one, other) => wired(one, wiring::connect(registry::shared(), one.into(), other.into()))?,
             Method::Disconnect(name) => wired(name, wiring::disconnect(registry::shared(), name.into()))?,
-            Method::Hz(..) | Method::Echo(_) | Method::Reload => return Ok(None),
+            Method::Hz(..) | Method::Echo(_) | Method::Reload | Method::Order(..) => return Ok(None),
         };
         Ok(Some(answer))
     }
@@ -78,8 +83,9 @@ impl Sight {
     fn status(&self) -> Value {
         let directory = self.board.newest();
         let entries = directory.iter().flat_map(|directory| &directory.entries);
-        let slots: Vec<Value> = entries.map(|entry| views::of_running(&entry.slot, &entry.shelf)).collect();
-        json!({"state": self.board.phase().name(), "directory": self.profiles.to_string_lossy(), "pid": std::process::id(),
+        let slots: Vec<Value> =
+            entries.map(|entry| views::of_running(&entry.slot, &entry.shelf, &self.outlook)).collect();
+        json!({"state": self.board.phase().name(), "emergency": emergency::latched(), "directory": self.profiles.to_string_lossy(), "pid": std::process::id(),
             "slots": slots, "process": views::of_process(self.outlook.ledger())})
     }
 

@@ -5,6 +5,7 @@ use std::time::Duration;
 use serde_json::{Map, Value, json};
 
 use super::wire::Call;
+use crate::fault::order::{Refused, Verb};
 use crate::model::limits::{FEED_LINES, RATE_WINDOW_MAX, RATE_WINDOW_MIN};
 
 /// The daemon's own interface.
@@ -59,6 +60,8 @@ pub enum Method {
     Follow(Option<String>, usize),
     /// Read the profiles again.
     Reload,
+    /// Do that to a slot, or take the emergency stop back.
+    Order(Verb, String),
     /// Connect two ports.
     Connect(PortName, PortName),
     /// Cut the connections of a port.
@@ -86,6 +89,10 @@ pub enum Refusal {
     WiringRefused(PortName, u32, String),
     /// The new profiles are not taken.
     ReloadRefused(Vec<String>),
+    /// What was ordered is not done.
+    OrderRefused(String),
+    /// The emergency stop is latched.
+    EmergencyLatched(String),
     /// It is no call.
     BadRequest(String),
     /// Too many clients are there.
@@ -95,6 +102,19 @@ pub enum Refusal {
 }
 
 impl Refusal {
+    /// Of an order.
+    #[must_use]
+    pub fn of_order(refused: Refused) -> Self {
+        match refused {
+            Refused::NoSuchSlot(slot) => {
+                let reason = format!("there is no slot `{slot}`; `component list` shows all");
+                Self::NoSuchComponent(slot, reason)
+            }
+            Refused::Latched(reason) => Self::EmergencyLatched(reason),
+            Refused::Busy(reason) | Refused::Other(reason) => Self::OrderRefused(reason),
+        }
+    }
+
     /// Its name on the wire.
     #[must_use]
     pub fn name(&self) -> String {
@@ -108,6 +128,8 @@ impl Refusal {
             Self::NotMeasurable(..) => (OWN, "NotMeasurable"),
             Self::WiringRefused(..) => (OWN, "WiringRefused"),
             Self::ReloadRefused(_) => (OWN, "ReloadRefused"),
+            Self::OrderRefused(_) => (OWN, "OrderRefused"),
+            Self::EmergencyLatched(_) => (OWN, "EmergencyLatched"),
             Self::BadRequest(_) => (OWN, "BadRequest"),
             Self::TooManyClients(_) => (OWN, "TooManyClients"),
             Self::NotPermitted(_) => (OWN, "NotPermitted"),
@@ -134,7 +156,11 @@ impl Refusal {
             Self::ReloadRefused(reasons) => {
                 json!({"reasons": reasons, "reason": "not reloaded: everything runs on as it was"})
             }
-            Self::BadRequest(reason) | Self::TooManyClients(reason) | Self::NotPermitted(reason) => {
+            Self::OrderRefused(reason)
+            | Self::EmergencyLatched(reason)
+            | Self::BadRequest(reason)
+            | Self::TooManyClients(reason)
+            | Self::NotPermitted(reason) => {
                 json!({"reason": reason})
             }
         }
@@ -166,6 +192,10 @@ impl Method {
             (OWN, "ListFaults") => Self::ListFaults(fields.text_if_any("slot")?, fields.last(FAULTS_DEFAULT)?),
             (OWN, "Follow") => Self::Follow(fields.text_if_any("slot")?, fields.last(0)?),
             (OWN, "Reload") => Self::Reload,
+            (OWN, "StartComponent") => Self::Order(Verb::Start, fields.text("slot")?),
+            (OWN, "StopComponent") => Self::Order(Verb::Stop, fields.text("slot")?),
+            (OWN, "ResetComponent") => Self::Order(Verb::Reset, fields.text("slot")?),
+            (OWN, "ClearEmergency") => Self::Order(Verb::Clear, String::new()),
             (OWN, "Connect") => {
                 let to =
                     |fields: &mut Fields| Ok(PortName { slot: fields.text("to_slot")?, port: fields.text("to_port")? });
@@ -271,6 +301,8 @@ mod tests {
             Refusal::NotMeasurable(name, text()),
             Refusal::WiringRefused(PortName { slot: text(), port: text() }, 14, text()),
             Refusal::ReloadRefused(vec![text()]),
+            Refusal::OrderRefused(text()),
+            Refusal::EmergencyLatched(text()),
             Refusal::BadRequest(text()),
             Refusal::TooManyClients(text()),
             Refusal::NotPermitted(text()),

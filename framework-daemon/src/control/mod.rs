@@ -11,8 +11,11 @@ use std::thread::JoinHandle;
 use std::time::Instant;
 
 use crossbeam_channel::{Receiver, Sender, never};
+use serde_json::{Value, json};
 
+use crate::exec::emergency;
 use crate::fault::manager::Outlook;
+use crate::fault::order::Refused;
 use crate::model::limits::SHUTDOWN_STEP;
 use crate::supervise::reload::Changes;
 use crate::supervise::system::System;
@@ -56,16 +59,20 @@ pub mod views;
 pub mod wire;
 
 use directory::{Phase, Publisher};
+use interface::Refusal;
 use server::{Server, Stop};
 use socket::Socket;
 
 /// How a reload ended: what changed, or everything that is wrong.
 pub type Reloaded = Result<Changes, Vec<String>>;
 
+/// How a call ended that somebody else carried out.
+type Answered = Result<Value, Refusal>;
+
 /// Asks the main loop to read the profiles again.
 pub struct ReloadOrder {
     session: u64,
-    answers: Sender<(u64, Reloaded)>,
+    answers: Sender<(u64, Answered)>,
     stop: Arc<Stop>,
 }
 
@@ -73,7 +80,13 @@ impl ReloadOrder {
     /// Tells who ordered it how it ended.
     pub fn answer(self, reloaded: &Reloaded) {
         // Who is gone is not waited for.
-        let _ = self.answers.send((self.session, reloaded.clone()));
+        let answer = match reloaded {
+            Ok(changes) => Ok(json!({"added": changes.added, "changed": changes.changed, "removed": changes.removed,
+                "kept": changes.kept})),
+            Err(_) if emergency::latched() => Err(Refusal::of_order(Refused::latched())),
+            Err(reasons) => Err(Refusal::ReloadRefused(reasons.clone())),
+        };
+        let _ = self.answers.send((self.session, answer));
         self.stop.wake();
     }
 }

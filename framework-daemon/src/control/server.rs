@@ -18,8 +18,9 @@ use super::directory::Board;
 use super::interface::Refusal;
 use super::session::{Session, Wish};
 use super::socket::{self, Socket};
-use super::{ReloadOrder, Reloaded};
+use super::{Answered, ReloadOrder};
 use crate::fault::manager::Outlook;
+use crate::fault::order::{Obeyed, Order};
 use crate::model::limits::CONTROL_CLIENTS;
 
 /// Clients that are let in in one round.
@@ -55,8 +56,8 @@ pub(super) struct Server {
     sessions: BTreeMap<u64, Session>,
     next: u64,
     orders: Sender<ReloadOrder>,
-    answers: Receiver<(u64, Reloaded)>,
-    answerer: Sender<(u64, Reloaded)>,
+    answers: Receiver<(u64, Answered)>,
+    answerer: Sender<(u64, Answered)>,
     ear: UnixStream,
     stop: Arc<Stop>,
     deaf_until: Option<Instant>,
@@ -96,9 +97,9 @@ impl Server {
         while !self.stop.asked.load(Ordering::Acquire) {
             self.wait();
             let now = Instant::now();
-            while let Ok((number, reloaded)) = self.answers.try_recv() {
+            while let Ok((number, answer)) = self.answers.try_recv() {
                 if let Some(session) = self.sessions.get_mut(&number) {
-                    session.reloaded(reloaded);
+                    session.answered(answer);
                 }
             }
             self.turns(now);
@@ -152,12 +153,23 @@ impl Server {
 
     fn turns(&mut self, now: Instant) {
         for (number, session) in &mut self.sessions {
-            if session.turn(&self.sight, now) == Wish::Reload {
-                let order =
-                    ReloadOrder { session: *number, answers: self.answerer.clone(), stop: Arc::clone(&self.stop) };
-                if self.orders.try_send(order).is_err() {
-                    session.reloaded(Err(vec!["too many reloads wait already: ask again later".to_owned()]));
-                    session.flush(now);
+            let (session_number, answers, stop) = (*number, self.answerer.clone(), Arc::clone(&self.stop));
+            match session.turn(&self.sight, now) {
+                Wish::None => {}
+                Wish::Order(verb, slot) => {
+                    let answer = Box::new(move |obeyed: Obeyed| {
+                        // Who is gone is not waited for.
+                        let _ = answers.send((session_number, obeyed.map_err(Refusal::of_order)));
+                        stop.wake();
+                    });
+                    self.sight.outlook.order(Order { verb, slot, answer });
+                }
+                Wish::Reload => {
+                    if self.orders.try_send(ReloadOrder { session: session_number, answers, stop }).is_err() {
+                        let busy = vec!["too many reloads wait already: ask again later".to_owned()];
+                        session.answered(Err(Refusal::ReloadRefused(busy)));
+                        session.flush(now);
+                    }
                 }
             }
         }

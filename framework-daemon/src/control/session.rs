@@ -9,14 +9,15 @@ use std::time::Instant;
 use nix::errno::Errno;
 use nix::poll::PollFlags;
 use nix::sys::socket::{MsgFlags, send};
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use super::Reloaded;
+use super::Answered;
 use super::answer::Sight;
 use super::echo::Echo;
 use super::interface::{Method, Refusal};
 use super::stream::{Follow, Hz};
 use super::wire::{self, Call, Inbox};
+use crate::fault::order::Verb;
 use crate::model::limits::{CONTROL_IDLE, CONTROL_PATIENCE, CONTROL_REQUEST_BYTES, CONTROL_STREAM_BYTES};
 
 /// Bytes that are read at once.
@@ -44,8 +45,8 @@ enum Doing {
     Follow(Follow),
     Hz(Hz),
     Echo(Echo),
-    /// The main loop will answer.
-    Reload,
+    /// The main loop, or the fault manager, will answer.
+    Order,
 }
 
 /// What is still to be read.
@@ -59,12 +60,14 @@ enum Input {
 }
 
 /// What a turn asks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Wish {
     /// Nothing.
     None,
     /// A reload.
     Reload,
+    /// The fault manager is to do that, to that slot.
+    Order(Verb, String),
 }
 
 impl Session {
@@ -149,7 +152,7 @@ impl Session {
     fn proceed(&mut self, sight: &Sight, now: Instant) -> Wish {
         match &mut self.doing {
             Doing::Nothing => return self.next_call(sight, now),
-            Doing::Reload => {}
+            Doing::Order => {}
             Doing::Follow(follow) => {
                 while self.outbox.len() < CONTROL_STREAM_BYTES
                     && let Some(parameters) = follow.next(sight.outlook.feed())
@@ -207,9 +210,14 @@ impl Session {
     fn obey(&mut self, call: &Call, sight: &Sight, now: Instant) -> Wish {
         (self.more, self.oneway) = (call.more, call.oneway);
         let method = Method::of(call);
-        if method == Ok(Method::Reload) {
-            self.doing = if self.oneway { Doing::Nothing } else { Doing::Reload };
-            return Wish::Reload;
+        let wish = match &method {
+            Ok(Method::Reload) => Wish::Reload,
+            Ok(Method::Order(verb, slot)) => Wish::Order(*verb, slot.clone()),
+            _ => Wish::None,
+        };
+        if wish != Wish::None {
+            self.doing = if self.oneway { Doing::Nothing } else { Doing::Order };
+            return wish;
         }
         match method.and_then(|method| Ok((sight.answer(&method)?, method))) {
             Ok((Some(answer), _)) => self.put(Ok(answer), false),
@@ -247,16 +255,12 @@ impl Session {
         }
     }
 
-    /// How the reload that it asked for ended.
-    pub(super) fn reloaded(&mut self, reloaded: Reloaded) {
-        if !matches!(self.doing, Doing::Reload) {
-            return;
+    /// How that ended which somebody else did for it.
+    pub(super) fn answered(&mut self, answer: Answered) {
+        if matches!(self.doing, Doing::Order) {
+            self.doing = Doing::Nothing;
+            self.put(answer, false);
         }
-        self.doing = Doing::Nothing;
-        let answer = reloaded.map(|changes| {
-            json!({"added": changes.added, "changed": changes.changed, "removed": changes.removed, "kept": changes.kept})
-        });
-        self.put(answer.map_err(Refusal::ReloadRefused), false);
     }
 
     /// Answers a last time.

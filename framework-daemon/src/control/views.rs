@@ -12,6 +12,7 @@ use crate::exec::slot::Slot;
 use crate::exec::task::Task;
 use crate::exec::workshop::Shelf;
 use crate::fault::ledger::Ledger;
+use crate::fault::manager::Outlook;
 use crate::model::lifecycle::State;
 use crate::model::limits::{LOST_THREADS_MAX, QUARANTINED_MAX, STACK_BYTES};
 use crate::model::time::nanoseconds;
@@ -25,7 +26,8 @@ use crate::port::pattern::requestor::Requestor;
 use crate::profile::plan::{Execution, Queue, SlotPlan, Trigger};
 
 /// Columns of the table of slots, in order. Each is a field of [`of_running`].
-const COLUMNS: [&str; 9] = ["slot", "state", "class", "cycles", "missed", "faults", "quarantined", "tainted", "spares"];
+const COLUMNS: [&str; 10] =
+    ["slot", "state", "class", "cycles", "missed", "faults", "quarantined", "tainted", "spares", "reason"];
 
 /// A slot, with the state that it is or was in.
 #[must_use]
@@ -38,13 +40,16 @@ pub fn of_slot(slot: &Slot, state: State) -> Value {
         "longest_ns": count(&status.longest_ns)})
 }
 
-/// A slot that runs, with its spares.
+/// A slot of a running daemon, with its spares, and why it does not run where it does not.
 #[must_use]
-pub fn of_running(slot: &Slot, shelf: &Shelf) -> Value {
+pub fn of_running(slot: &Slot, shelf: &Shelf, outlook: &Outlook) -> Value {
     let (ready, wanted) = shelf.stock();
     let mut fields = of_slot(slot, slot.status.state());
     fields["spares"] = ready.into();
     fields["spares_wanted"] = wanted.into();
+    if let Some(reason) = outlook.reason(slot.name) {
+        fields["reason"] = reason.into();
+    }
     fields
 }
 
@@ -60,7 +65,9 @@ pub fn of_process(ledger: Ledger) -> Value {
 pub fn status_table(slots: &[Value], process: &Value) -> Vec<String> {
     let count = |name: &str| process[name].as_u64().unwrap_or_default();
     let memory = if count("tainted") > 0 { "suspect" } else { "sound" };
-    let mut lines = table(&COLUMNS, slots);
+    // Where all run there is nothing to give reasons for.
+    let has_reasons = slots.iter().any(|slot| !slot["reason"].is_null());
+    let mut lines = table(&COLUMNS[..COLUMNS.len() - usize::from(!has_reasons)], slots);
     lines.push(format!(
         "threads given up: {} of at most {}; instances given up: {} of at most {}; memory: {memory}",
         count("threads_lost"),
@@ -112,9 +119,10 @@ pub fn component(directory: &Directory, entry: &Entry) -> Value {
 
 /// All that is known of a slot.
 #[must_use]
-pub fn component_details(directory: &Directory, entry: &Entry) -> Value {
+pub fn component_details(directory: &Directory, entry: &Entry, outlook: &Outlook) -> Value {
     let mut fields = component(directory, entry);
-    let more = [of_running(&entry.slot, &entry.shelf), directory.plan_of(entry).map(details).unwrap_or_default()];
+    let more =
+        [of_running(&entry.slot, &entry.shelf, outlook), directory.plan_of(entry).map(details).unwrap_or_default()];
     for (name, value) in more.into_iter().filter_map(|fields| fields.as_object().cloned()).flatten() {
         fields[name] = value;
     }

@@ -24,13 +24,34 @@ use crate::sys::{arch, carrier, clock, watchdog};
 /// What an executor may be told. Each is answered when it is done.
 enum Command {
     Install(Box<Member>, Sender<Result<usize, String>>),
-    Start(usize, Sender<State>),
-    Stop(usize, Sender<State>),
+    Steer(Move, Vec<usize>, Sender<Vec<State>>),
     Remove(usize, Sender<()>),
     Rank(Vec<(usize, u32)>, Sender<()>),
     Inject(usize, u8, Sender<bool>),
     Blame(usize, Box<Report>),
     Quit,
+}
+
+/// What is to become of members.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Move {
+    /// `start`, from ready or inactive.
+    Start,
+    /// `stop`.
+    Stop,
+    /// `start`; or, after a fault-stop, back to work.
+    Raise,
+}
+
+impl Move {
+    /// Its name in messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Start | Self::Raise => "start",
+            Self::Stop => "stop",
+        }
+    }
 }
 
 /// An executor as others see it.
@@ -107,7 +128,8 @@ impl Executor {
     /// # Errors
     /// When nothing came back within `limit`.
     pub fn start_member(&self, member: usize, limit: Duration) -> Result<State, Stuck> {
-        self.ask(limit, |reply| Command::Start(member, reply))
+        let states = self.ask(limit, |reply| Command::Steer(Move::Start, vec![member], reply));
+        states.map(|states| states.first().copied().unwrap_or(State::Destroyed))
     }
 
     /// Stops a member.
@@ -115,7 +137,18 @@ impl Executor {
     /// # Errors
     /// When nothing came back within `limit`.
     pub fn stop_member(&self, member: usize, limit: Duration) -> Result<State, Stuck> {
-        self.ask(limit, |reply| Command::Stop(member, reply))
+        let states = self.ask(limit, |reply| Command::Steer(Move::Stop, vec![member], reply));
+        states.map(|states| states.first().copied().unwrap_or(State::Destroyed))
+    }
+
+    /// Starts or stops members, one after the other; the answer, the states that they are in then, comes when it is done.
+    #[must_use]
+    pub fn steer(&self, act: Move, members: Vec<usize>) -> Receiver<Vec<State>> {
+        let (reply, answer) = crossbeam_channel::bounded(1);
+        // An executor that is gone answers by hanging up.
+        let _ = self.commands.send(Command::Steer(act, members, reply));
+        self.bell.wake();
+        answer
     }
 
     /// Destroys a member.
@@ -225,8 +258,11 @@ impl Run {
                     self.remove(number);
                 }
             }
-            Command::Start(number, reply) => _ = reply.send(self.with(number, Member::start)),
-            Command::Stop(number, reply) => _ = reply.send(self.with(number, Member::stop)),
+            Command::Steer(act, numbers, reply) => {
+                let steer = |number: &usize| self.with(*number, |member, crew| _ = member.steer(act, crew));
+                let states = numbers.iter().map(steer).collect();
+                _ = reply.send(states);
+            }
             Command::Remove(number, reply) => {
                 self.remove(number);
                 _ = reply.send(());
@@ -376,6 +412,9 @@ impl Run {
     fn look(&mut self, number: usize) {
         let Some(Some(member)) = self.members.get_mut(number) else { return };
         let rings = member.signal.take();
+        if rings.has(Ring::Emergency) {
+            member.emergency_stop(&mut self.crew);
+        }
         if rings.has(Ring::Task) {
             member.hear_tasks(&mut self.crew);
         }

@@ -20,7 +20,7 @@ use crate::model::lifecycle::{Event, State};
 use crate::model::limits::{TASK_END, TASK_END_AT_STOP};
 use crate::model::time::nanoseconds;
 use crate::port::pattern::provider::Openness;
-use crate::profile::plan::{Preload, Trigger};
+use crate::profile::plan::{Coverage, Preload, Trigger};
 use crate::sys::bell::{Ring, Signal};
 use crate::sys::clock;
 
@@ -109,6 +109,8 @@ pub struct Member {
     pub vigils: Vec<Vigil>,
     /// A recovery that waits for its next try.
     pub breath: Option<Box<Breath>>,
+    /// How far a fault-stop reaches.
+    pub coverage: Coverage,
 }
 
 /// Idle fibers kept for a member's size of stack: one runs, one is there when the first is lost.

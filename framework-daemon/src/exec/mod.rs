@@ -31,6 +31,9 @@ pub mod silence;
 /// Instances come and go: constructor and `initialize`, `stop`, `destroy` and the drop.
 pub mod prepare;
 
+/// The emergency stop: written, latched, told, in that order.
+pub mod emergency;
+
 /// The local answer to a fault: reset, replace or stop, at once.
 pub mod recover;
 
@@ -42,6 +45,9 @@ mod spare;
 
 /// A slot as everybody sees it: name, ports, counters.
 pub mod slot;
+
+/// What is done to a slot from outside.
+mod steer;
 
 /// Threads of a component: started, ended, answered for.
 pub mod task;

@@ -10,6 +10,7 @@ use component_sdk::abi::class::{FaultArgs, Hook};
 
 use super::callback::{self, Call};
 use super::checkpoint::Checkpoint;
+use super::emergency;
 use super::member::{Crew, Member};
 use super::service;
 use super::slot::Status;
@@ -19,10 +20,11 @@ use crate::model::fault::{Fault, FaultEvent, FaultSender, Outcome, Stage, Times}
 use crate::model::ladder::Answer;
 use crate::model::lifecycle::{Event, State};
 use crate::model::limits::{BREATH_MAX, BREATH_MIN, BREATHLESS_FAILURES, RECOVERY_STEPS_MAX, TASK_END};
+use crate::model::symptom::Severity;
 use crate::model::time::nanoseconds;
 use crate::port::charge;
 use crate::port::pattern::provider::Openness;
-use crate::profile::plan::Trigger;
+use crate::profile::plan::{Coverage, Trigger};
 use crate::sys::bell::Ring;
 use crate::sys::clock;
 
@@ -116,6 +118,9 @@ impl Member {
     }
 
     fn answer(&mut self, fault: &Fault, crew: &mut Crew) {
+        if self.ladder.severity(fault.symptom) == Severity::Emergency {
+            emergency::raise(self.slot.name, fault.at_ns);
+        }
         // Where something else than the callback failed, it may be waiting.
         self.end_wait(crew);
         if self.unit.as_ref().is_some_and(|unit| unit.spent) {
@@ -149,12 +154,17 @@ impl Member {
             let step = match climb.answer {
                 Answer::Reset => self.reset(fault, &mut climb, crew),
                 Answer::Replace => self.replace(fault, &mut climb, crew),
-                Answer::Stop | Answer::Ignore | Answer::Prepare => self.fault_stop(climb.cause(fault), crew),
+                Answer::Stop | Answer::Emergency | Answer::Ignore | Answer::Prepare => {
+                    self.fault_stop(climb.cause(fault), crew)
+                }
             };
             let Climb { class, answer, record, .. } = climb;
             match step {
                 Step::Works => self.tell_manager(fault, class, answer, Outcome::Recovered, record, crew),
-                Step::Stopped => self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, record, crew),
+                Step::Stopped => {
+                    let answer = self.raise_what_follows(answer, fault);
+                    self.tell_manager(fault, class, answer, Outcome::Stopped, record, crew);
+                }
                 Step::Failed => {
                     self.count_failure(&mut climb, crew);
                     if climb.answer == Answer::Stop || climb.failures <= BREATHLESS_FAILURES {
@@ -172,6 +182,18 @@ impl Member {
         crew.fibers.bury();
         self.prepare_fibers(crew);
         self.shelf.order();
+    }
+
+    /// A fault-stop that covers the whole system is an emergency as well; returns what it is called.
+    fn raise_what_follows(&self, answer: Answer, fault: &Fault) -> Answer {
+        match answer {
+            Answer::Emergency => Answer::Emergency,
+            _ if self.coverage == Coverage::System => {
+                emergency::raise(self.slot.name, fault.at_ns);
+                Answer::Emergency
+            }
+            _ => Answer::Stop,
+        }
     }
 
     /// A recovery failed itself: the ladder goes on.
@@ -294,7 +316,7 @@ impl Member {
     }
 
     /// The successor goes on from the slot's checkpoint.
-    fn restore(&mut self, crew: &mut Crew) -> Result<Option<u64>, Fault> {
+    pub(super) fn restore(&mut self, crew: &mut Crew) -> Result<Option<u64>, Fault> {
         match (&self.checkpoint, &mut self.unit) {
             (Some(checkpoint), Some(unit)) => crew.restore(unit, checkpoint),
             _ => Ok(None),
@@ -411,7 +433,14 @@ impl Member {
     pub(super) fn report_stop(&mut self, fault: &Fault, crew: &mut Crew) {
         Status::count(&self.slot.status.faults);
         let class = self.slot.status.class();
-        self.tell_manager(fault, class, Answer::Stop, Outcome::Stopped, Record::begin(fault), crew);
+        let answer = match self.ladder.severity(fault.symptom) {
+            Severity::Emergency => {
+                emergency::raise(self.slot.name, fault.at_ns);
+                Answer::Emergency
+            }
+            _ => self.raise_what_follows(Answer::Stop, fault),
+        };
+        self.tell_manager(fault, class, answer, Outcome::Stopped, Record::begin(fault), crew);
     }
 
     /// What a callback of the recovery raised is answered before the slot runs on; the next callback would erase it.
@@ -483,7 +512,7 @@ fn told_for_good(slot: &'static str, fault: &Fault) -> Option<FaultArgs<'static>
     Some(FaultArgs { symptom: RStr::from_str(fault.symptom.name()), slot: RStr::from_str(slot), message })
 }
 
-fn told<'a>(slot: &'a str, fault: &'a Fault) -> FaultArgs<'a> {
+pub(super) fn told<'a>(slot: &'a str, fault: &'a Fault) -> FaultArgs<'a> {
     FaultArgs {
         symptom: RStr::from_str(fault.symptom.name()),
         slot: RStr::from_str(slot),

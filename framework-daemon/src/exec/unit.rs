@@ -101,7 +101,8 @@ impl Limits {
             | Hook::Error
             | Hook::Reset
             | Hook::Recover
-            | Hook::Rehearse => self.hang_ns,
+            | Hook::Rehearse
+            | Hook::Emergency => self.hang_ns,
         }
     }
 }

@@ -150,6 +150,11 @@ impl Shelf {
         self.closed.store(true, Ordering::SeqCst);
     }
 
+    /// The slot works again after it had stopped: the next order prepares for it.
+    pub fn reopen(&self) {
+        self.closed.store(false, Ordering::SeqCst);
+    }
+
     /// The slot ends: nothing is prepared for it any more; returns what was there. What is being prepared at this moment
     /// is ended by the workshop.
     pub fn close(&self) -> impl Iterator<Item = Box<Unit>> {

@@ -59,9 +59,14 @@ impl Journal {
         self.last.as_ref()
     }
 
-    /// Writes a fault; returns the line, whether or not it could be written.
-    pub fn fault(&mut self, event: &FaultEvent, origin: &Origin) -> (Map<String, Value>, io::Result<()>) {
-        match describe(event, origin) {
+    /// Writes a fault, and of which earlier one it is a consequence; returns the line, whether or not it could be written.
+    pub fn fault(
+        &mut self,
+        event: &FaultEvent,
+        origin: &Origin,
+        root: Option<u64>,
+    ) -> (Map<String, Value>, io::Result<()>) {
+        match describe(event, origin, root) {
             Ok(fields) => self.line(event.fault.stage.kind(), event.fault.at_ns, fields),
             Err(error) => (Map::new(), Err(error)),
         }
@@ -104,11 +109,13 @@ impl Journal {
 }
 
 /// What is written of a fault.
-fn describe(event: &FaultEvent, origin: &Origin) -> io::Result<Map<String, Value>> {
+fn describe(event: &FaultEvent, origin: &Origin, consequence_of: Option<u64>) -> io::Result<Map<String, Value>> {
     #[derive(Serialize)]
     struct Diagnosis<'a> {
         faulty: &'a str,
         severity: crate::model::symptom::Severity,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        consequence_of: Option<u64>,
     }
     #[derive(Serialize)]
     struct Found<'a> {
@@ -125,7 +132,8 @@ fn describe(event: &FaultEvent, origin: &Origin) -> io::Result<Map<String, Value
     line.insert("thread_lost".into(), event.fault.thread_lost.into());
     line.insert("memory".into(), to_value(&event.fault.memory)?);
     line.insert("evidence".into(), to_value(&Found { evidence: &event.fault.evidence, origin })?);
-    line.insert("diagnosis".into(), to_value(&Diagnosis { faulty: event.slot, severity: event.severity })?);
+    let diagnosis = Diagnosis { faulty: event.slot, severity: event.severity, consequence_of };
+    line.insert("diagnosis".into(), to_value(&diagnosis)?);
     if event.fault.stage != Stage::Confirmed {
         line.insert("outcome".into(), event.fault.stage.kind().into());
         return Ok(line);

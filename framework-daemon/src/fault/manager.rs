@@ -6,15 +6,18 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crossbeam_channel::{Receiver, Sender};
+use crossbeam_channel::{Receiver, Sender, bounded, select, unbounded};
 use serde_json::{Map, Value};
 
 use super::feed::Feed;
+use super::handle::{Cast, Handler, Line, Reasons};
 use super::journal::Journal;
 use super::ledger::{Ledger, Verdict};
+use super::order::Order;
+use crate::exec::emergency::{self, Notice};
 use crate::exec::recover::lost_events;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Memory, Outcome, RestartRequest, Stage};
-use crate::model::limits::FAULT_EVENTS;
+use crate::model::limits::{EMERGENCY_NOTICES, FAULT_EVENTS};
 use crate::model::symptom::Symptom;
 use crate::plugin::symbols::{Origin, Symbols};
 use crate::sys::{foreign, thread, trap};
@@ -27,7 +30,18 @@ pub type SharedJournal = Arc<Mutex<Journal>>;
 pub struct Manager {
     thread: JoinHandle<()>,
     restarts: Receiver<RestartRequest>,
+    wishes: Sender<Wish>,
     shared: Arc<Shared>,
+}
+
+/// What the fault manager is asked for.
+enum Wish {
+    /// To handle what runs now; answered when that is settled.
+    Adopt(Box<Cast>, Sender<()>),
+    /// To let go of it.
+    Withdraw(Sender<()>),
+    /// To carry out an operator's order.
+    Obey(Order),
 }
 
 #[derive(Debug, Default)]
@@ -35,6 +49,7 @@ struct Shared {
     restart_on_taint: AtomicBool,
     ledger: Mutex<Ledger>,
     feed: Feed,
+    reasons: Reasons,
 }
 
 impl Shared {
@@ -45,7 +60,7 @@ impl Shared {
 
 /// What the fault manager knows, for whoever looks on.
 #[derive(Clone, Debug)]
-pub struct Outlook(Arc<Shared>);
+pub struct Outlook(Arc<Shared>, Sender<Wish>);
 
 impl Outlook {
     /// What faults have cost so far.
@@ -59,6 +74,18 @@ impl Outlook {
     pub fn feed(&self) -> &Feed {
         &self.0.feed
     }
+
+    /// Why that slot does not run; `None`: it does, or nobody knows.
+    #[must_use]
+    pub fn reason(&self, slot: &str) -> Option<String> {
+        self.0.reasons.of(slot)
+    }
+
+    /// Posts an order; who gave it is told how it ended. Does not wait.
+    pub fn order(&self, order: Order) {
+        // A fault manager that is gone answers nobody: the daemon ends.
+        let _ = self.1.send(Wish::Obey(order));
+    }
 }
 
 /// Starts the fault manager; returns it and where executors put their events.
@@ -66,14 +93,17 @@ impl Outlook {
 /// # Errors
 /// When the system has no thread left.
 pub fn start(journal: SharedJournal) -> std::io::Result<(Manager, FaultSender)> {
-    let (sender, inbox) = crossbeam_channel::bounded(FAULT_EVENTS);
+    let (sender, inbox) = bounded(FAULT_EVENTS);
+    let (listener, notices) = bounded(EMERGENCY_NOTICES);
+    emergency::listen(listener);
+    let (wishes, wished) = unbounded();
     // One request is enough: the main loop ends at the first.
-    let (asks, restarts) = crossbeam_channel::bounded(1);
+    let (asks, restarts) = bounded(1);
     let shared = Arc::new(Shared::default());
-    let mut desk = Desk { journal, asks, shared: Arc::clone(&shared), symbols: Symbols::default(), lost: 0 };
-    let run = move || inbox.iter().for_each(|event| desk.take(&event));
-    let thread = thread::spawn("fault-manager", run)?;
-    Ok((Manager { thread, restarts, shared }, sender))
+    let (symbols, handler) = (Symbols::default(), Handler::default());
+    let desk = Desk { journal, asks, shared: Arc::clone(&shared), symbols, handler, notices: Vec::new(), lost: 0 };
+    let thread = thread::spawn("fault-manager", move || desk.serve(&inbox, &notices, &wished))?;
+    Ok((Manager { thread, restarts, wishes, shared }, sender))
 }
 
 impl Manager {
@@ -107,7 +137,25 @@ impl Manager {
     /// What it knows, for whoever looks on.
     #[must_use]
     pub fn outlook(&self) -> Outlook {
-        Outlook(Arc::clone(&self.shared))
+        Outlook(Arc::clone(&self.shared), self.wishes.clone())
+    }
+
+    /// Has it handle what runs now; returns when slots that may not run are stopped.
+    pub fn adopt(&self, cast: Cast) {
+        self.ask(|done| Wish::Adopt(Box::new(cast), done));
+    }
+
+    /// Has it let go of what runs, because that is about to change or to end.
+    pub fn withdraw(&self) {
+        self.ask(Wish::Withdraw);
+    }
+
+    fn ask(&self, wish: impl FnOnce(Sender<()>) -> Wish) {
+        let (done, answer) = bounded(1);
+        if self.wishes.send(wish(done)).is_ok() {
+            // It may wait for executors itself, each for a bounded time.
+            let _ = answer.recv();
+        }
     }
 }
 
@@ -117,10 +165,74 @@ struct Desk {
     asks: Sender<RestartRequest>,
     shared: Arc<Shared>,
     symbols: Symbols,
+    handler: Handler,
+    notices: Vec<Notice>,
     lost: u64,
 }
 
 impl Desk {
+    /// Until the last executor is gone.
+    fn serve(mut self, inbox: &Receiver<FaultEvent>, notices: &Receiver<Notice>, wishes: &Receiver<Wish>) {
+        let mut wishes = wishes.clone();
+        loop {
+            select! {
+                recv(inbox) -> event => match event {
+                    Ok(event) => self.take(&event),
+                    Err(_) => break,
+                },
+                recv(notices) -> notice => notice.iter().for_each(|notice| self.note(*notice)),
+                recv(wishes) -> wish => match wish {
+                    Ok(wish) => self.grant(wish),
+                    Err(_) => wishes = crossbeam_channel::never(),
+                },
+            }
+        }
+    }
+
+    fn grant(&mut self, wish: Wish) {
+        match wish {
+            Wish::Adopt(cast, done) => {
+                let lines = self.handler.adopt(*cast);
+                self.follow(lines);
+                let _ = done.send(());
+            }
+            Wish::Withdraw(done) => {
+                self.handler.withdraw();
+                let _ = done.send(());
+            }
+            Wish::Obey(order) => {
+                let obeyed = self.handler.obey(&order).map(|(answer, lines)| {
+                    self.follow(lines);
+                    answer
+                });
+                (order.answer)(obeyed);
+            }
+        }
+    }
+
+    /// Writes down what was done about others.
+    fn follow(&mut self, lines: Vec<Line>) {
+        self.handler.publish(&self.shared.reasons);
+        for (kind, fields) in lines {
+            let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).tell(kind, fields);
+            self.publish(written);
+        }
+    }
+
+    /// What is told of the emergency stop waits for the fault that it was raised for.
+    fn note(&mut self, notice: Notice) {
+        self.notices.push(notice);
+        self.tell_notices();
+    }
+
+    fn tell_notices(&mut self) {
+        if self.handler.knows_emergency() {
+            let lines =
+                std::mem::take(&mut self.notices).into_iter().map(|notice| self.handler.describe(notice)).collect();
+            self.follow(lines);
+        }
+    }
+
     fn take(&mut self, event: &FaultEvent) {
         self.note_lost();
         // Whoever reads of a fault finds it counted.
@@ -129,9 +241,14 @@ impl Desk {
             Evidence::Trap(trap) => self.symbols.origin(trap),
             _ => Origin::default(),
         };
-        let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).fault(event, &origin);
+        let root = self.handler.root_of(event);
+        let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).fault(event, &origin, root);
+        let sequence = written.0.get("seq").and_then(Value::as_u64).unwrap_or_default();
         self.publish(written);
         tell(event, &origin);
+        let lines = self.handler.take(event, sequence, root);
+        self.tell_notices();
+        self.follow(lines);
         verdict.into_iter().for_each(|verdict| self.obey(verdict));
     }
 
@@ -143,6 +260,8 @@ impl Desk {
             let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).tell("lost", count);
             self.publish(written);
             self.lost = now;
+            let lines = self.handler.look_around();
+            self.follow(lines);
         }
     }
 
@@ -186,6 +305,9 @@ fn tell(event: &FaultEvent, origin: &Origin) {
                 "slot {slot} ({class}): {symptom}: {message}; {} -> {successor} works again after {took:.1} us",
                 action(event)
             );
+        }
+        Outcome::Stopped if event.answer == crate::model::ladder::Answer::Emergency => {
+            tracing::error!("slot {slot} ({class}): {symptom}: {message}; emergency stop");
         }
         Outcome::Stopped => tracing::error!("slot {slot} ({class}): {symptom}: {message}; the slot is stopped"),
         Outcome::Failed => tracing::error!("slot {slot} ({class}): {symptom}: {message}; its {} failed", action(event)),

@@ -24,6 +24,8 @@ pub enum Answer {
     Replace,
     /// The slot stops.
     Stop,
+    /// The robot is brought to its safe state, and the slot stops.
+    Emergency,
     /// A spare was to be prepared; the slot itself was not touched.
     Prepare,
 }
@@ -68,7 +70,8 @@ impl Ladder {
         match self.severity.get(symptom) {
             Severity::Ignore => Answer::Ignore,
             Severity::Reset => self.reset_or_further(now_ns),
-            Severity::Stop | Severity::Emergency => Answer::Stop,
+            Severity::Stop => Answer::Stop,
+            Severity::Emergency => Answer::Emergency,
         }
     }
 
@@ -81,6 +84,11 @@ impl Ladder {
             return Answer::Replace;
         }
         Answer::Stop
+    }
+
+    /// Forgets past resets: an operator looked after it.
+    pub fn forgive(&mut self) {
+        self.resets.clear();
     }
 
     /// Index of the secondary that is in use; `None`: the primary.
@@ -162,7 +170,7 @@ mod tests {
                     }
                     Answer::Replace => { replaced += 1; resets.clear(); }
                     Answer::Stop => break,
-                    Answer::Ignore | Answer::Prepare => prop_assert!(false),
+                    Answer::Ignore | Answer::Emergency | Answer::Prepare => prop_assert!(false),
                 }
             }
             prop_assert!(replaced <= secondaries);

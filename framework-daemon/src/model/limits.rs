@@ -144,6 +144,18 @@ pub const SAFE_OUTPUTS: usize = 64;
 pub const SAFE_OUTPUT_BYTES: usize = 64;
 /// Longest time that a dying process waits until a device takes its safe output.
 pub const SAFE_OUTPUT_WAIT: Duration = Duration::from_millis(50);
+/// Most slots that get the emergency stop.
+pub const ACTUATORS: usize = 64;
+/// A fault within this time after one of the same chain is its consequence.
+pub const CONSEQUENCE_WINDOW: Duration = Duration::from_millis(500);
+/// Longest chain that a consequence is looked for along, in connections and dependencies.
+pub const CHAIN_STEPS: usize = 16;
+/// Faults of late among which the root of a consequence is looked for.
+pub const RECENT_FAULTS: usize = 64;
+/// Longest time that the fault manager waits for an executor that is to stop or start slots.
+pub const HANDLING_STEP: Duration = Duration::from_secs(2);
+/// Notices of the emergency stop that wait to be written down.
+pub const EMERGENCY_NOTICES: usize = 256;
 /// Log records of components waiting to be written.
 pub const LOG_RECORDS: usize = 1_024;
 /// Lines of the daemon's own log waiting to be written.

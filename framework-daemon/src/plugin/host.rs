@@ -161,7 +161,7 @@ pub extern "C" fn critical(name: RStr<'_>, address: *mut u8, len: usize) {
 pub extern "C" fn safe_output(fd: i32, bytes: RSlice<'_, u8>) {
     let (mut copy, len) = ([0; SAFE_OUTPUT_BYTES + 1], bytes.len().min(SAFE_OUTPUT_BYTES + 1));
     copy[..len].copy_from_slice(&bytes.as_slice()[..len]);
-    if let Err(refused) = safe_outputs::set(fd, &copy[..len]) {
+    if let Err(refused) = safe_outputs::set(seat::owner().slot, fd, &copy[..len]) {
         log_ring::put(1, seat::owner().slot, ShortText::of(format_args!("{refused}")).as_str());
     }
 }

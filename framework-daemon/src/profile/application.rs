@@ -256,7 +256,6 @@ fn end(element: &Element, report: &Reporter) -> Option<End> {
 
 /// Reads `<dependency>`; `who` is the attribute that names who stops.
 pub fn dependency(element: &Element, who: &str, report: &mut Reporter) -> Dependency {
-    report.not_active(element.name_span, "<dependency>");
     let on = report.value_words(element, "on");
     let require = element.attribute("require").and_then(|require| require.value.parse().ok());
     let span = element.attribute("require").map_or(element.name_span, |require| require.value_span);

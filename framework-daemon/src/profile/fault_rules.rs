@@ -53,7 +53,7 @@ pub fn read(element: &Element, report: &mut Reporter) -> Declared {
         checkpoint: element.child("checkpoint").map(|checkpoint| period_of_checkpoint(checkpoint, report)),
         recovery_within: element.child("recovery").and_then(|recovery| positive(recovery, "within", report)),
         isolation: isolation(element, report),
-        coverage: coverage(element, report),
+        coverage: coverage(element),
     };
     let references = secondaries(element, report);
     let declared = Declared { rules, references, spot: report.spot(element.name_span) };
@@ -92,7 +92,7 @@ fn severities(element: &Element, report: &mut Reporter) -> SeverityTable {
                 Some("remove one of them".to_owned());
             continue;
         }
-        note_inactive_severity(rule, severity, report);
+        note_inactive_severity(rule, report);
         match symptom {
             "" => default = Some(severity),
             "crash" => {
@@ -129,10 +129,7 @@ fn unknown_symptom(rule: &Element, report: &mut Reporter) {
     report.error(word.spot.span, format!("unknown symptom \"{}\"", word.text)).hint = Some(hint);
 }
 
-fn note_inactive_severity(rule: &Element, severity: Severity, report: &mut Reporter) {
-    if severity == Severity::Emergency {
-        report.not_active(rule.text_span, "severity emergency");
-    }
+fn note_inactive_severity(rule: &Element, report: &mut Reporter) {
     if let Some(symptom) = Symptom::from_name(rule.value_of("symptom"))
         && NOT_DETECTED.contains(&symptom)
     {
@@ -186,15 +183,12 @@ fn isolation(element: &Element, report: &mut Reporter) -> Isolation {
     Isolation::Process
 }
 
-fn coverage(element: &Element, report: &mut Reporter) -> Coverage {
-    let Some(found) = element.child("coverage") else { return Coverage::Component };
-    let coverage = match found.text.as_str() {
+fn coverage(element: &Element) -> Coverage {
+    match element.text_of("coverage") {
         "executor" => Coverage::Executor,
         "system" => Coverage::System,
-        _ => return Coverage::Component,
-    };
-    report.not_active(found.text_span, "<coverage>");
-    coverage
+        _ => Coverage::Component,
+    }
 }
 
 /// A time in an attribute that must be more than nothing.

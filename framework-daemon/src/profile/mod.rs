@@ -65,6 +65,9 @@ pub mod load;
 /// One file alone.
 pub mod single;
 
+/// Contamination, as the plan has it.
+mod needs;
+
 /// The checked whole that everything to the right works from.
 pub mod plan;
 

@@ -10,6 +10,7 @@ use std::time::Duration;
 use serde::{Serialize, Serializer};
 
 pub use super::composite::CompositePlan;
+pub use super::needs::{ApplicationDependencyPlan, DependencyPlan, NeededPlan};
 pub use super::push::PushPlan;
 pub use super::system::OnTaint;
 pub use crate::model::schedule::{Policy, Schedule};
@@ -52,7 +53,7 @@ pub struct Plan {
     pub connections: Vec<ConnectionPlan>,
     /// Every composite, by name: what shows of it outside.
     pub composites: Vec<CompositePlan>,
-    /// Contamination between slots (not active yet).
+    /// Contamination between slots.
     pub dependencies: Vec<DependencyPlan>,
     /// `coordination/depends`: pairs of slots, the second of which runs first (not active yet).
     pub order: Vec<(String, String)>,
@@ -76,9 +77,9 @@ pub struct SystemPlan {
     pub executors: Vec<ExecutorPlan>,
     /// Other daemons (not active yet).
     pub nodes: Vec<NodePlan>,
-    /// Contamination between applications (not active yet).
+    /// Contamination between applications.
     pub dependencies: Vec<ApplicationDependencyPlan>,
-    /// Slots that get the emergency stop, in order (not active yet).
+    /// Slots that get the emergency stop, in order.
     pub emergency: Vec<String>,
     /// What to do when shared memory may be damaged.
     pub on_taint: OnTaint,
@@ -91,32 +92,6 @@ pub struct NodePlan {
     pub name: String,
     /// Where it listens.
     pub address: String,
-    /// Where it was declared.
-    pub location: Location,
-}
-
-/// An application that stops when too few of others work.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ApplicationDependencyPlan {
-    /// The application that stops.
-    pub application: String,
-    /// The applications that it needs.
-    pub on: Vec<String>,
-    /// How many of them must work.
-    pub require: usize,
-    /// Where it was declared.
-    pub location: Location,
-}
-
-/// A slot that stops when too few of others work.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct DependencyPlan {
-    /// The slot that stops.
-    pub slot: String,
-    /// The slots that it needs.
-    pub on: Vec<String>,
-    /// How many of them must work.
-    pub require: usize,
     /// Where it was declared.
     pub location: Location,
 }
@@ -504,7 +479,7 @@ pub struct FaultRules {
     pub recovery_within: Option<Duration>,
     /// Where the instance lives (`process` is not active yet).
     pub isolation: Isolation,
-    /// How far a fault of this slot reaches (not active yet).
+    /// How far a fault-stop of this slot reaches.
     pub coverage: Coverage,
 }
 

@@ -125,8 +125,11 @@ fn on_taint(root: &Element) -> OnTaint {
 
 fn actuators(root: &Element, report: &mut Reporter) -> Vec<Word> {
     if let Some(emergency) = root.child("emergency") {
-        report.not_active(emergency.name_span, "<emergency>");
-        if emergency.children_of("actuator").next().is_none() {
+        let count = emergency.children_of("actuator").count();
+        if count > limits::ACTUATORS {
+            report.error(emergency.name_span, format!("more than {} actuators", limits::ACTUATORS));
+        }
+        if count == 0 {
             report.error(emergency.name_span, "<emergency> names no actuator").hint =
                 Some("add <actuator component=\"motors\"/>".to_owned());
         }

@@ -11,12 +11,14 @@ use super::document::{Document, Profile};
 use super::files::Files;
 use super::load::system_plan;
 use super::plan::{
-    ApplicationDependencyPlan, DependencyPlan, MonitorPlan, Plan, PortKind, PortRef, ReferenceModelPlan, VotingPlan,
+    ApplicationDependencyPlan, Coverage, DependencyPlan, MonitorPlan, NeededPlan, Plan, PortKind, PortRef,
+    ReferenceModelPlan, SlotPlan, VotingPlan,
 };
 use super::source::{Spot, Word};
 use super::suggest;
 use super::system::SystemProfile;
 use super::wire::{Port, ports_of};
+use crate::model::symptom::{Severity, Symptom};
 
 /// Who needs whom, and where that was written.
 type Edges = BTreeMap<String, Vec<(String, Spot)>>;
@@ -38,6 +40,7 @@ pub fn finish(
     if let Some(Profile::System(profile)) = system.and_then(|document| document.profile.as_ref()) {
         validator.system(profile, applications);
     }
+    validator.actuators();
     let Validator { assembler, mut plan } = validator;
     plan.slots = assembler.slots;
     plan.connections = assembler.connections;
@@ -133,12 +136,13 @@ impl Validator {
         let dependents = self.slots_called(&dependency.dependent, scope);
         let mut on = Vec::new();
         for word in &dependency.on {
-            for slot in self.slots_called(word, scope) {
+            let slots = self.slots_called(word, scope);
+            for slot in &slots {
                 for dependent in &dependents {
                     edges.entry(dependent.clone()).or_default().push((slot.clone(), word.spot.clone()));
                 }
-                on.push(slot);
             }
+            on.push(NeededPlan { name: word.text.clone(), slots });
         }
         for slot in dependents {
             let require = dependency.require.unwrap_or(on.len());
@@ -312,6 +316,25 @@ impl Validator {
             self.application_dependency(dependency, &mut edges);
         }
         self.refuse_cycles(&edges, "dependencies of applications form a circle");
+    }
+
+    /// An emergency stop that nobody gets is a mistake that only shows when the robot needs it.
+    fn actuators(&mut self) {
+        if !self.plan.system.emergency.is_empty() {
+            return;
+        }
+        let reaches = |slot: &&SlotPlan| {
+            let mut symptoms = Symptom::ALL.into_iter();
+            slot.rules.coverage == Coverage::System
+                || symptoms.any(|symptom| slot.rules.severity.get(symptom) == Severity::Emergency)
+        };
+        let found: Vec<String> = self.assembler.slots.iter().filter(reaches).map(|slot| slot.name.clone()).collect();
+        for slot in found {
+            let Some(spot) = self.assembler.declared_at(&slot) else { continue };
+            let message = format!("a fault of \"{slot}\" brings the robot to its safe state, but no actuator is named");
+            let hint = "add <emergency><actuator component=\"motors\"/></emergency> to the system_profile";
+            self.assembler.error(&spot, message, hint);
+        }
     }
 
     fn application_dependency(&mut self, dependency: &Dependency, edges: &mut Edges) {

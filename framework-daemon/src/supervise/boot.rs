@@ -9,10 +9,11 @@ use std::time::{Duration, Instant};
 use super::blueprint::{Blueprint, draw, texts};
 use super::catalogue::Catalogue;
 use super::shutdown::shutdown;
-use super::system::{Placed, System};
+use super::system::{Placed, System, by_name};
 use super::wiring;
 use crate::exec::checkpoint::Checkpoint;
-use crate::exec::executor::Executor;
+use crate::exec::emergency::{self, Actuator};
+use crate::exec::executor::{Executor, Stuck};
 use crate::exec::member::{Member, Standby};
 use crate::exec::silence;
 use crate::exec::slot::{Slot, Status};
@@ -21,6 +22,7 @@ use crate::exec::task::Tasks;
 use crate::exec::trigger::Doorbell;
 use crate::exec::unit::{Limits, Recipe, Source};
 use crate::exec::workshop::Workshop;
+use crate::fault::handle::{Cast, Hand};
 use crate::model::fault::FaultSender;
 use crate::model::ladder::Ladder;
 use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP};
@@ -110,7 +112,7 @@ fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>, given_up: &Atom
     wiring::apply(&wiring, &system.slots);
     rank(&system.slots, connections);
     go_on()?;
-    start(&system.slots).map_err(|reason| BootError::Failed(vec![reason]))
+    start(&system.plan, &system.slots, |_| true).map_err(|reason| BootError::Failed(vec![reason]))
 }
 
 /// Where plugins are looked for: the command line's directories first.
@@ -130,8 +132,9 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
     let member = member(blueprint, executor.bell(), &system.workshop);
     member.slot.tasks.use_schedule(executor.schedule());
     let (slot, shelf, autostart) = (Arc::clone(&member.slot), Arc::clone(&member.shelf), member.autostart);
+    let signal = Arc::clone(&member.signal);
     let number = executor.install(member, BOOT_STEP)?;
-    Ok(Placed { slot, executor, member: number, shelf, autostart, plugins })
+    Ok(Placed { slot, executor, member: number, shelf, signal, autostart, plugins })
 }
 
 /// A slot as its executor gets it, not installed yet.
@@ -194,6 +197,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         checkpoint: plan.rules.checkpoint.map(Checkpoint::every),
         vigils,
         breath: None,
+        coverage: plan.rules.coverage,
     }
 }
 
@@ -264,16 +268,31 @@ fn flow_order<'a>(names: Vec<&'a str>, connections: &'a [ConnectionPlan]) -> Vec
     order
 }
 
-/// Starts every slot that starts by itself, in order.
+/// Starts every new slot that starts by itself, needed ones first; those that lack what they need stay as they are.
 ///
 /// # Errors
 /// The first whose `start` does not return.
-pub fn start(slots: &[Placed]) -> Result<(), String> {
-    for placed in slots.iter().filter(|placed| placed.autostart) {
-        let name = placed.slot.name;
-        placed.executor.start_member(placed.member, BOOT_STEP).map_err(|stuck| format!("slot {name}: {stuck}"))?;
-    }
-    Ok(())
+pub fn start(plan: &Plan, slots: &[Placed], is_new: impl Fn(&str) -> bool) -> Result<(), String> {
+    emergency::arm(actuators(plan, slots));
+    let stuck = cast(plan, slots).start(is_new);
+    stuck.map_or(Ok(()), |name| Err(format!("slot {name}: {Stuck}")))
+}
+
+/// What runs, for the fault manager.
+#[must_use]
+pub fn cast(plan: &Plan, slots: &[Placed]) -> Cast {
+    let placed = by_name(slots);
+    let hand = |slot: &SlotPlan| {
+        let Placed { slot, executor, member, autostart, .. } = (*placed.get(slot.name.as_str())?).clone();
+        Some(Hand { slot, executor, member, autostart })
+    };
+    Cast::new(plan, plan.slots.iter().filter_map(hand).collect())
+}
+
+fn actuators(plan: &Plan, slots: &[Placed]) -> Vec<Actuator> {
+    let placed = by_name(slots);
+    let found = plan.system.emergency.iter().filter_map(|name| placed.get(name.as_str()));
+    found.map(|placed| Actuator { slot: placed.slot.name, signal: Arc::clone(&placed.signal) }).collect()
 }
 
 #[cfg(test)]

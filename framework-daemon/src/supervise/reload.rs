@@ -138,11 +138,10 @@ fn commit(system: &mut System, slots: Vec<Placed>, wiring: &Wiring, changes: &Ch
     for old in &leaving {
         warn_if_stuck(old, old.executor.remove(old.member, STEP).is_err());
     }
-    let is_new = |placed: &&Placed| changes.added.iter().chain(&changes.changed).any(|name| name == placed.slot.name);
-    let starting: Vec<Placed> = slots.iter().filter(is_new).cloned().collect();
     boot::rank(&slots, &system.plan.connections);
     system.slots = slots;
-    if let Err(reason) = boot::start(&starting) {
+    let is_new = |slot: &str| changes.added.iter().chain(&changes.changed).any(|name| name == slot);
+    if let Err(reason) = boot::start(&system.plan, &system.slots, is_new) {
         tracing::error!("{reason}");
     }
     drop(leaving);

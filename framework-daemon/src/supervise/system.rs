@@ -11,6 +11,7 @@ use crate::model::fault::FaultSender;
 use crate::plugin::Plugin;
 use crate::port::registry::Registry;
 use crate::profile::plan::Plan;
+use crate::sys::bell::Signal;
 
 /// A slot that runs somewhere.
 #[derive(Clone)]
@@ -23,6 +24,8 @@ pub struct Placed {
     pub member: usize,
     /// Its spares.
     pub shelf: Arc<Shelf>,
+    /// Rings for it.
+    pub signal: Arc<Signal>,
     /// Whether it is started at boot.
     pub autostart: bool,
     /// The plugins of its classes, as far as they were loaded at boot.

@@ -163,6 +163,8 @@ pub enum Ring {
     Task = 8,
     /// Somebody charges it with a fault.
     Charge = 16,
+    /// The emergency stop was raised.
+    Emergency = 64,
 }
 
 /// Why a member was rung for since it was looked at last: several reasons at once.

@@ -7,6 +7,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use component_sdk::prelude::*;
 
+pub mod brake;
+
 /// Fails in one of its callbacks, once in a process, or each time.
 #[derive(Component)]
 #[component(name = "Doomed", version = "1.0", periodic = "5ms")]
@@ -328,4 +330,4 @@ impl Callbacks for Auditor {
     }
 }
 
-export_components!(Doomed, Stillborn, Heir, Keeper, Forger, Auditor, Stuck);
+export_components!(brake::Brake, brake::Witness, Doomed, Stillborn, Heir, Keeper, Forger, Auditor, Stuck);

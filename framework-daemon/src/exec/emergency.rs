@@ -1,0 +1,101 @@
+//! The emergency stop: on the thread that saw the fault, at once. First the safe outputs of all actuators are written from
+//! there, then it is latched, then the actuators' executors are told, each of which enters `on_emergency`, stops its slot
+//! and writes its outputs once more.
+//!
+//! One for the process, as the outputs are. The latch and the outputs are atomics; the signals of the actuators lie behind a
+//! lock that is held to clone or swap a pointer, by threads that run no component's code meanwhile.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use crossbeam_channel::Sender;
+
+use crate::model::lifecycle::State;
+use crate::sys::bell::{Ring, Signal};
+use crate::sys::{clock, safe_outputs};
+
+/// When it was latched; 0: it is not.
+static LATCH: AtomicU64 = AtomicU64::new(0);
+static ACTUATORS: Mutex<Vec<Actuator>> = Mutex::new(Vec::new());
+static LISTENER: OnceLock<Sender<Notice>> = OnceLock::new();
+
+/// Who gets the emergency stop.
+#[derive(Clone)]
+pub struct Actuator {
+    /// Its slot.
+    pub slot: &'static str,
+    /// Rings for it.
+    pub signal: Arc<Signal>,
+}
+
+/// What happened, for the journal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Notice {
+    /// It was raised.
+    Raised {
+        /// Slot whose fault raised it.
+        slot: &'static str,
+        /// Time of the fault.
+        at_ns: u64,
+        /// When all outputs were written.
+        written_ns: u64,
+        /// Outputs that were taken whole.
+        outputs: u32,
+        /// It was not latched before.
+        is_first: bool,
+    },
+    /// An actuator was stopped.
+    Stopped {
+        /// Its slot.
+        slot: &'static str,
+        /// The state that it is in.
+        state: State,
+        /// Its outputs that were taken whole, now that it is stopped.
+        outputs: u32,
+        /// When.
+        at_ns: u64,
+    },
+}
+
+/// Where notices go; once in the life of a process, later calls change nothing.
+pub fn listen(listener: Sender<Notice>) {
+    let _ = LISTENER.set(listener);
+}
+
+/// Who gets the emergency stop from now on.
+pub fn arm(actuators: Vec<Actuator>) {
+    safe_outputs::arm(&actuators.iter().map(|actuator| actuator.slot).collect::<Vec<_>>());
+    let old = std::mem::replace(&mut *ACTUATORS.lock().unwrap_or_else(PoisonError::into_inner), actuators);
+    drop(old);
+}
+
+/// Brings the robot to its safe state, for a fault of that slot at that time.
+pub fn raise(slot: &'static str, at_ns: u64) {
+    let outputs = safe_outputs::write_armed();
+    let written_ns = clock::now_ns();
+    let is_first = LATCH.compare_exchange(0, written_ns, Ordering::SeqCst, Ordering::SeqCst).is_ok();
+    // Before those who are told tell what they did.
+    tell(Notice::Raised { slot, at_ns, written_ns, outputs, is_first });
+    for actuator in ACTUATORS.lock().unwrap_or_else(PoisonError::into_inner).iter() {
+        actuator.signal.ring(Ring::Emergency);
+    }
+}
+
+/// Tells whoever listens. A full queue loses the line, not the stop.
+pub(super) fn tell(notice: Notice) {
+    if let Some(listener) = LISTENER.get() {
+        let _ = listener.try_send(notice);
+    }
+}
+
+/// True while it is latched.
+#[must_use]
+pub fn latched() -> bool {
+    LATCH.load(Ordering::SeqCst) != 0
+}
+
+/// Takes it back; false: it was not latched.
+#[must_use]
+pub fn clear() -> bool {
+    LATCH.swap(0, Ordering::SeqCst) != 0
+}

@@ -1,0 +1,98 @@
+//! What is done to a slot from outside, on its executor: back to work after a fault-stop, the emergency stop.
+
+use component_sdk::abi::class::Hook;
+
+use super::callback::Call;
+use super::emergency::{self, Notice};
+use super::executor::Move;
+use super::member::{Crew, Member};
+use super::service;
+use crate::model::fault::{Evidence, Fault, ShortText};
+use crate::model::lifecycle::{Event, State};
+use crate::model::symptom::Symptom;
+use crate::port::pattern::provider::Openness;
+use crate::sys::{clock, safe_outputs};
+
+impl Member {
+    /// Does what was asked; returns the state it is in then.
+    pub fn steer(&mut self, act: Move, crew: &mut Crew) -> State {
+        match act {
+            Move::Start => self.start(crew),
+            Move::Stop => self.stop(crew),
+            Move::Raise if self.state() == State::Error => self.raise(crew),
+            Move::Raise => self.start(crew),
+        }
+        self.state()
+    }
+
+    /// Back to work after a fault-stop, with a clean record: the same instance where it is sound, a fresh one of the class in
+    /// use else. A fault on the way stops it again.
+    fn raise(&mut self, crew: &mut Crew) {
+        // It is on its way already.
+        if self.breath.is_some() {
+            return;
+        }
+        self.ladder.forgive();
+        service::set_blocking(&self.slot, true);
+        let is_sound = self.unit.as_ref().is_some_and(|unit| !unit.spent);
+        let raised = if is_sound { self.reset_sound(crew) } else { self.fill_anew(crew) };
+        match raised {
+            Ok(()) => {
+                self.keep_side_report();
+                self.shelf.reopen();
+                self.begin();
+            }
+            Err(fault) => {
+                self.lose(&fault, crew);
+                service::set_open(&self.slot, Openness::Gone);
+                service::change_hands(&self.slot);
+            }
+        }
+        self.prepare_fibers(crew);
+        self.shelf.order();
+    }
+
+    fn reset_sound(&mut self, crew: &mut Crew) -> Result<(), Fault> {
+        self.enter(Call::plain(Hook::Reset), crew)?;
+        self.step(Event::Reset);
+        if self.unit.as_ref().is_some_and(|unit| !unit.started) {
+            self.enter_start(crew)?;
+        }
+        Ok(())
+    }
+
+    fn fill_anew(&mut self, crew: &mut Crew) -> Result<(), Fault> {
+        let unit = self.make(self.shelf.in_use(), crew)?;
+        self.slot.status.set_class(unit.recipe);
+        unit.open();
+        self.unit = Some(unit);
+        self.restore(crew)?;
+        let evidence = Evidence::Text { message: ShortText::new("reset by an operator") };
+        let cause = Fault::told(Symptom::Raised, clock::now_ns(), evidence);
+        let call = Call { fault: super::recover::told(self.slot.name, &cause), ..Call::plain(Hook::Recover) };
+        self.enter(call, crew)?;
+        self.step(Event::Recover);
+        self.step(Event::Start);
+        self.enter_start(crew)
+    }
+
+    /// The emergency stop: `on_emergency`, the slot's safe outputs once more, because its component may have written since
+    /// they were, then a stop, and the outputs again: unless the component took them back when it stopped, they are the last
+    /// word.
+    pub fn emergency_stop(&mut self, crew: &mut Crew) {
+        let state = self.state();
+        self.end_wait(crew);
+        let is_sound = self.unit.as_ref().is_some_and(|unit| !unit.spent);
+        if is_sound && matches!(state, State::Active | State::Error) {
+            match self.enter(Call::plain(Hook::Emergency), crew) {
+                Ok(()) => self.note_side_report(crew),
+                Err(fault) => self.lose(&fault, crew),
+            }
+        }
+        let before = safe_outputs::write_of(self.slot.name);
+        self.stop(crew);
+        let outputs = safe_outputs::write_of(self.slot.name).max(before);
+        let (slot, state, at_ns) = (self.slot.name, self.state(), clock::now_ns());
+        emergency::tell(Notice::Stopped { slot, state, outputs, at_ns });
+    }
+}

@@ -1,0 +1,182 @@
+//! Diagnosis beyond the slot: who may run, who is held and why, and of which fault another one is a consequence. Pure: no
+//! clock, lock, log or thread; what the slots themselves did was answered on their executors by then.
+
+use std::collections::VecDeque;
+
+use super::graph::{Graph, Need, Number};
+use crate::model::limits::{CHAIN_STEPS, CONSEQUENCE_WINDOW, RECENT_FAULTS};
+use crate::model::time::nanoseconds;
+use crate::profile::plan::Coverage;
+
+/// How a slot is by itself, whatever others are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Own {
+    /// It is to run, and can.
+    Wanted,
+    /// Nobody started it, or it was told to stop.
+    Off,
+    /// The fault of that sequence number stopped it.
+    Faulty(u64),
+}
+
+/// What follows for a slot from all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It runs.
+    Runs,
+    /// It does not run, and nobody wants it to.
+    Off,
+    /// A fault of its own stopped it.
+    Faulty,
+    /// It would run, but others keep it from that.
+    Held(Reason),
+}
+
+/// Why a slot is held.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reason {
+    /// What keeps it.
+    pub why: Why,
+    /// The fault that it comes of; `None`: of none, somebody was told to stop.
+    pub root: Option<u64>,
+}
+
+/// What keeps a slot from running.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Why {
+    /// Too few of those that it needs work: the need of that number among its own.
+    Need(usize),
+    /// The fault of that slot covers it.
+    Covered(Number),
+    /// The emergency stop is latched.
+    Emergency,
+}
+
+impl Reason {
+    /// In words: `needs 1 of camera_a camera_b`.
+    #[must_use]
+    pub fn text(&self, graph: &Graph, slot: Number) -> String {
+        let name = |number: Number| graph.nodes().get(number).map_or("", |node| node.name.as_str());
+        match self.why {
+            Why::Need(index) => {
+                let need = graph.nodes().get(slot).and_then(|node| node.needs.get(index));
+                format!("needs {}", need.map_or("", |need| need.text.as_str()))
+            }
+            Why::Covered(by) => format!("covered by the fault of {}", name(by)),
+            Why::Emergency => "emergency stop".to_owned(),
+        }
+    }
+}
+
+/// What follows for each slot from how each is by itself; `emergency`: of which fault the emergency stop is latched.
+#[must_use]
+pub fn diagnose(graph: &Graph, own: &[Own], emergency: Option<Option<u64>>) -> Vec<Verdict> {
+    let mut verdicts = vec![Verdict::Runs; graph.nodes().len()];
+    let covers = covers(graph, own);
+    for number in graph.order() {
+        let by_others = || unmet(graph, &verdicts, own, *number);
+        let held = |reason: Option<Reason>| reason.map_or(Verdict::Runs, Verdict::Held);
+        let verdict = match own.get(*number).filter(|_| graph.is_slot(*number)) {
+            None => held(by_others()),
+            Some(Own::Off) => Verdict::Off,
+            Some(Own::Faulty(_)) => Verdict::Faulty,
+            Some(Own::Wanted) => {
+                let stop = emergency.filter(|_| graph.nodes()[*number].is_actuator);
+                let stop = stop.map(|root| Reason { why: Why::Emergency, root });
+                held(stop.or_else(|| covered(graph, &covers, *number)).or_else(by_others))
+            }
+        };
+        verdicts[*number] = verdict;
+    }
+    verdicts.truncate(graph.slots());
+    verdicts
+}
+
+/// Slots whose fault-stop reaches further than themselves.
+fn covers(graph: &Graph, own: &[Own]) -> Vec<(Number, u64)> {
+    let nodes = own.iter().zip(graph.nodes()).enumerate();
+    let faulty = nodes.filter(|(_, (_, node))| node.coverage != Coverage::Component);
+    faulty
+        .filter_map(|(number, (own, _))| if let Own::Faulty(root) = own { Some((number, *root)) } else { None })
+        .collect()
+}
+
+fn covered(graph: &Graph, covers: &[(Number, u64)], number: Number) -> Option<Reason> {
+    let nodes = graph.nodes();
+    let reaches = |by: Number| nodes[by].coverage == Coverage::System || nodes[by].executor == nodes[number].executor;
+    let (by, root) = covers.iter().find(|(by, _)| *by != number && reaches(*by))?;
+    Some(Reason { why: Why::Covered(*by), root: Some(*root) })
+}
+
+/// The first need of a node that is not met, and the latest fault behind it.
+fn unmet(graph: &Graph, verdicts: &[Verdict], own: &[Own], number: Number) -> Option<Reason> {
+    let works = |needed: &&Number| verdicts[**needed] == Verdict::Runs;
+    let is_unmet = |need: &Need| need.on.iter().filter(works).count() < need.require;
+    let needs = &graph.nodes()[number].needs;
+    let index = needs.iter().position(is_unmet)?;
+    let root_of = |needed: &Number| match verdicts[*needed] {
+        Verdict::Faulty => match own.get(*needed) {
+            Some(Own::Faulty(root)) => Some(*root),
+            _ => None,
+        },
+        Verdict::Held(reason) => reason.root,
+        Verdict::Runs | Verdict::Off => None,
+    };
+    Some(Reason { why: Why::Need(index), root: needs[index].on.iter().filter_map(root_of).max() })
+}
+
+/// A fault of late.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Past {
+    slot: Number,
+    at_ns: u64,
+    root: u64,
+}
+
+/// Faults of late: a bounded memory.
+#[derive(Clone, Debug, Default)]
+pub struct Recent(VecDeque<Past>);
+
+impl Recent {
+    /// Of which earlier fault that of `slot` is a consequence: one of the same chain, of what the slot needs or of who
+    /// writes to it, within [`CONSEQUENCE_WINDOW`] before.
+    #[must_use]
+    pub fn root_of(&self, graph: &Graph, slot: Number, at_ns: u64) -> Option<u64> {
+        let horizon = at_ns.saturating_sub(nanoseconds(CONSEQUENCE_WINDOW));
+        let near: Vec<&Past> =
+            self.0.iter().filter(|past| past.slot != slot && (horizon..=at_ns).contains(&past.at_ns)).collect();
+        if near.is_empty() {
+            return None;
+        }
+        // Nearest first: of two earlier faults the one that lies closer on the chain is the cause.
+        let (mut seen, mut edge) = (vec![slot], vec![slot]);
+        for _ in 0..CHAIN_STEPS {
+            let mut next: Vec<Number> = Vec::new();
+            for number in edge.iter().flat_map(|number| graph.upstream(*number)) {
+                if !seen.contains(number) {
+                    seen.push(*number);
+                    next.push(*number);
+                }
+            }
+            let found = near.iter().rev().find(|past| next.contains(&past.slot));
+            if found.is_some() || next.is_empty() {
+                return found.map(|past| past.root);
+            }
+            edge = next;
+        }
+        None
+    }
+
+    /// Remembers a fault; `root` is the fault that it is a consequence of, or its own sequence number.
+    pub fn remember(&mut self, slot: Number, at_ns: u64, root: u64) {
+        if self.0.len() == RECENT_FAULTS {
+            self.0.pop_front();
+        }
+        self.0.push_back(Past { slot, at_ns, root });
+    }
+
+    /// Forgets all: numbers of slots mean others from now on.
+    pub fn forget(&mut self) {
+        self.0.clear();
+    }
+}

@@ -1,0 +1,240 @@
+//! Who needs whom, compiled from the plan at load. Pure.
+//!
+//! A node is a slot; or a name that stands for several slots, a composite's or an application's, which works while all of
+//! them do; or a gate: what all slots of an application need because the application does. So a dependency between two
+//! applications costs as many edges as they have slots, not their product.
+
+use std::collections::HashMap;
+
+use crate::profile::plan::{Coverage, Plan, PortKind};
+
+/// A node of the graph, by number. Slots come first, in the plan's order.
+pub type Number = usize;
+
+/// What a node needs: so many of others.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Need {
+    /// The others.
+    pub on: Vec<Number>,
+    /// How many of them must work.
+    pub require: usize,
+    /// In words: `1 of camera_a camera_b`.
+    pub text: String,
+}
+
+/// A slot, or a name for several.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Node {
+    /// What it is called.
+    pub name: String,
+    /// All that it needs.
+    pub needs: Vec<Need>,
+    /// Number of the slot's executor.
+    pub executor: usize,
+    /// How far a fault-stop of the slot reaches.
+    pub coverage: Coverage,
+    /// It gets the emergency stop.
+    pub is_actuator: bool,
+}
+
+/// Nodes with their edges, in order.
+#[derive(Clone, Debug, Default)]
+pub struct Graph {
+    nodes: Vec<Node>,
+    slots: usize,
+    order: Vec<Number>,
+    dependents: Vec<Vec<Number>>,
+    /// Of each slot those whose faults may show in it: what it needs, and who writes to it.
+    upstream: Vec<Vec<Number>>,
+    places: HashMap<String, Number>,
+}
+
+impl Graph {
+    /// Of these nodes, the first `slots` of which are slots, and of connections between slots, writers first.
+    #[must_use]
+    pub fn new(nodes: Vec<Node>, slots: usize, connections: &[(Number, Number)]) -> Self {
+        let mut dependents = vec![Vec::new(); nodes.len()];
+        let mut upstream = vec![Vec::new(); nodes.len()];
+        for (number, node) in nodes.iter().enumerate() {
+            for needed in node.needs.iter().flat_map(|need| &need.on) {
+                dependents[*needed].push(number);
+                upstream[number].push(*needed);
+            }
+        }
+        for (writer, reader) in connections {
+            upstream[*reader].push(*writer);
+        }
+        let order = order(&nodes, &dependents);
+        let places = nodes.iter().take(slots).enumerate().map(|(number, node)| (node.name.clone(), number)).collect();
+        Self { nodes, slots, order, dependents, upstream, places }
+    }
+
+    /// Of a plan, whose slots have these executors, by number.
+    #[must_use]
+    pub fn compile(plan: &Plan, executors: &[usize]) -> Self {
+        Compiler::of(plan, executors).finish(plan)
+    }
+
+    /// How many slots there are.
+    #[must_use]
+    pub const fn slots(&self) -> usize {
+        self.slots
+    }
+
+    /// True where that node is a slot.
+    #[must_use]
+    pub const fn is_slot(&self, number: Number) -> bool {
+        number < self.slots
+    }
+
+    /// All nodes.
+    #[must_use]
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// The slot of that name.
+    #[must_use]
+    pub fn slot(&self, name: &str) -> Option<Number> {
+        self.places.get(name).copied()
+    }
+
+    /// Every node after all that it needs.
+    #[must_use]
+    pub fn order(&self) -> &[Number] {
+        &self.order
+    }
+
+    /// Those that need a node.
+    #[must_use]
+    pub fn dependents(&self, number: Number) -> &[Number] {
+        &self.dependents[number]
+    }
+
+    /// Those whose faults may show in a node.
+    #[must_use]
+    pub fn upstream(&self, number: Number) -> &[Number] {
+        &self.upstream[number]
+    }
+}
+
+/// Every node after all that it needs (Kahn 1962). A circle, which no profile gets past the loader, comes last.
+fn order(nodes: &[Node], dependents: &[Vec<Number>]) -> Vec<Number> {
+    let mut open: Vec<usize> = nodes.iter().map(|node| node.needs.iter().map(|need| need.on.len()).sum()).collect();
+    let mut order: Vec<Number> = (0..nodes.len()).filter(|number| open[*number] == 0).collect();
+    let mut looked = 0;
+    while let Some(number) = order.get(looked).copied() {
+        looked += 1;
+        for dependent in &dependents[number] {
+            open[*dependent] -= 1;
+            if open[*dependent] == 0 {
+                order.push(*dependent);
+            }
+        }
+    }
+    order.extend((0..nodes.len()).filter(|number| open[*number] > 0));
+    order
+}
+
+/// A graph that is being put together.
+struct Compiler {
+    nodes: Vec<Node>,
+    slots: HashMap<String, Number>,
+    applications: HashMap<String, Number>,
+    composites: HashMap<Vec<String>, Number>,
+}
+
+impl Compiler {
+    fn of(plan: &Plan, executors: &[usize]) -> Self {
+        let node = |(slot, executor): (&crate::profile::plan::SlotPlan, &usize)| Node {
+            name: slot.name.clone(),
+            needs: Vec::new(),
+            executor: *executor,
+            coverage: slot.rules.coverage,
+            is_actuator: plan.system.emergency.contains(&slot.name),
+        };
+        let nodes: Vec<Node> = plan.slots.iter().zip(executors).map(node).collect();
+        let slots = nodes.iter().enumerate().map(|(number, node)| (node.name.clone(), number)).collect();
+        Self { nodes, slots, applications: HashMap::new(), composites: HashMap::new() }
+    }
+
+    fn finish(mut self, plan: &Plan) -> Graph {
+        let slots = self.nodes.len();
+        for dependency in &plan.dependencies {
+            let Some(dependent) = self.slots.get(&dependency.slot).copied() else { continue };
+            let on = dependency.on.iter().map(|needed| self.needed(&needed.name, &needed.slots)).collect();
+            let names = dependency.on.iter().map(|needed| needed.name.as_str());
+            let need = Need { on, require: dependency.require, text: text(dependency.require, names) };
+            self.nodes[dependent].needs.push(need);
+        }
+        for dependency in &plan.system.dependencies {
+            let on = dependency.on.iter().map(|name| self.application(name, plan)).collect();
+            let text = text(dependency.require, dependency.on.iter().map(String::as_str));
+            let need = Need { on, require: dependency.require, text: text.clone() };
+            let gate = self.add(&dependency.application, need);
+            for (number, slot) in plan.slots.iter().enumerate() {
+                if slot.application == dependency.application {
+                    self.nodes[number].needs.push(Need { on: vec![gate], require: 1, text: text.clone() });
+                }
+            }
+        }
+        let ends = |end: &crate::profile::plan::PortRef| self.slots.get(&end.slot).copied();
+        let connections: Vec<(Number, Number)> = plan
+            .connections
+            .iter()
+            .filter_map(|link| {
+                let (source, target) = (ends(&link.source)?, ends(&link.target)?);
+                // What a client asked for comes from the server.
+                Some(if link.kind == PortKind::Service { (target, source) } else { (source, target) })
+            })
+            .collect();
+        Graph::new(self.nodes, slots, &connections)
+    }
+
+    /// The node of a name in a dependency.
+    fn needed(&mut self, name: &str, slots: &[String]) -> Number {
+        if let [slot] = slots
+            && let Some(number) = self.slots.get(slot)
+        {
+            return *number;
+        }
+        if let Some(number) = self.composites.get(slots) {
+            return *number;
+        }
+        let number = self.all_of(name, slots.iter().filter_map(|slot| self.slots.get(slot).copied()).collect());
+        self.composites.insert(slots.to_vec(), number);
+        number
+    }
+
+    /// The node of an application: it works while all of its slots do that start by themselves.
+    fn application(&mut self, name: &str, plan: &Plan) -> Number {
+        if let Some(number) = self.applications.get(name) {
+            return *number;
+        }
+        let is_of =
+            |slot: &&crate::profile::plan::SlotPlan| slot.application == name && slot.component.execution.autostart;
+        let slots = plan.slots.iter().filter(is_of).filter_map(|slot| self.slots.get(&slot.name).copied()).collect();
+        let number = self.all_of(name, slots);
+        self.applications.insert(name.to_owned(), number);
+        number
+    }
+
+    fn all_of(&mut self, name: &str, slots: Vec<Number>) -> Number {
+        let require = slots.len();
+        self.add(name, Need { on: slots, require, text: format!("all of {name}") })
+    }
+
+    fn add(&mut self, name: &str, need: Need) -> Number {
+        self.nodes.push(Node { name: name.to_owned(), needs: vec![need], ..Node::default() });
+        self.nodes.len() - 1
+    }
+}
+
+/// `1 of camera_a camera_b`, or only the name where there is one.
+fn text<'a>(require: usize, names: impl Iterator<Item = &'a str>) -> String {
+    let names: Vec<&str> = names.collect();
+    match names.as_slice() {
+        [name] => (*name).to_owned(),
+        names => format!("{require} of {}", names.join(" ")),
+    }
+}

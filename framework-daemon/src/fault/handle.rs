@@ -1,0 +1,393 @@
+//! Handling beyond the slot: `event or order -> diagnose -> decide -> executors' commands`. In the fault manager's thread; what
+//! an executor does not answer in time is left behind and named.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crossbeam_channel::Receiver;
+use serde_json::{Map, Value, json};
+
+use super::decide::{Batch, Wave, decide};
+use super::diagnose::{Own, Reason, Recent, Verdict, diagnose};
+use super::graph::{Graph, Number};
+use super::order::{Order, Refused, Verb};
+use crate::exec::emergency::{self, Notice};
+use crate::exec::executor::{Executor, Move};
+use crate::exec::slot::Slot;
+use crate::model::fault::{FaultEvent, Outcome, Stage};
+use crate::model::ladder::Answer;
+use crate::model::lifecycle::State;
+use crate::model::limits::{BOOT_STEP, HANDLING_STEP};
+use crate::profile::plan::Plan;
+use crate::sys::clock;
+
+/// A slot as it is handled.
+#[derive(Clone)]
+pub struct Hand {
+    /// The slot.
+    pub slot: Arc<Slot>,
+    /// Its executor.
+    pub executor: Arc<Executor>,
+    /// Its number there.
+    pub member: usize,
+    /// It is started at boot.
+    pub autostart: bool,
+}
+
+/// All that runs, as it is handled: the plan's slots, in its order.
+pub struct Cast {
+    graph: Graph,
+    hands: Vec<Hand>,
+    executors: Vec<Arc<Executor>>,
+}
+
+impl Cast {
+    /// Of that plan, whose slots these are, in its order.
+    #[must_use]
+    pub fn new(plan: &Plan, hands: Vec<Hand>) -> Self {
+        let mut executors: Vec<Arc<Executor>> = Vec::new();
+        let mut places: HashMap<*const Executor, usize> = HashMap::new();
+        let mut number = |executor: &Arc<Executor>| {
+            *places.entry(Arc::as_ptr(executor)).or_insert_with(|| {
+                executors.push(Arc::clone(executor));
+                executors.len() - 1
+            })
+        };
+        let numbers: Vec<usize> = hands.iter().map(|hand| number(&hand.executor)).collect();
+        let graph = Graph::compile(plan, &numbers);
+        Self { graph, hands, executors }
+    }
+
+    /// Starts those that are new and start by themselves, needed ones first; those that lack what they need stay as they
+    /// are. Returns the first that does not return from `start`.
+    #[must_use]
+    pub fn start(&self, is_new: impl Fn(&str) -> bool) -> Option<&'static str> {
+        let state = |hand: &Hand| hand.slot.status.state();
+        let own = |hand: &Hand| match state(hand) {
+            State::Active => Own::Wanted,
+            State::Error => Own::Faulty(0),
+            _ if hand.autostart && is_new(hand.slot.name) => Own::Wanted,
+            _ => Own::Off,
+        };
+        let mut own: Vec<Own> = self.hands.iter().map(own).collect();
+        let mut verdicts = self.look(&own);
+        for number in self.graph.order().iter().copied().filter(|number| self.graph.is_slot(*number)) {
+            let hand = &self.hands[number];
+            if state(hand) == State::Active || verdicts[number] != Verdict::Runs {
+                continue;
+            }
+            match hand.executor.start_member(hand.member, BOOT_STEP) {
+                Ok(State::Active) => {}
+                Ok(_) => {
+                    own[number] = Own::Faulty(0);
+                    verdicts = self.look(&own);
+                }
+                Err(_) => return Some(hand.slot.name),
+            }
+        }
+        None
+    }
+
+    fn look(&self, own: &[Own]) -> Vec<Verdict> {
+        diagnose(&self.graph, own, emergency::latched().then_some(None))
+    }
+}
+
+/// How a slot is by itself, as its state shows it; `before`: how it was when it was looked at last.
+fn own_of(hand: &Hand, before: Option<Own>) -> Own {
+    match (hand.slot.status.state(), before) {
+        (State::Active, _) => Own::Wanted,
+        (State::Error, Some(Own::Faulty(root))) => Own::Faulty(root),
+        (State::Error, _) => Own::Faulty(0),
+        (_, Some(own @ (Own::Wanted | Own::Off))) => own,
+        _ if hand.autostart => Own::Wanted,
+        _ => Own::Off,
+    }
+}
+
+/// Why slots do not run, by name, for whoever looks.
+#[derive(Debug, Default)]
+pub struct Reasons(Mutex<HashMap<&'static str, String>>);
+
+impl Reasons {
+    /// Why that slot does not run; `None`: it does, or nobody knows.
+    #[must_use]
+    pub fn of(&self, slot: &str) -> Option<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(slot).cloned()
+    }
+
+    fn replace(&self, reasons: HashMap<&'static str, String>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = reasons;
+    }
+}
+
+/// A line for the journal: its kind and its fields.
+pub type Line = (&'static str, Map<String, Value>);
+
+/// The fault manager's hands.
+#[derive(Default)]
+pub struct Handler {
+    cast: Option<Cast>,
+    own: Vec<Own>,
+    running: Vec<bool>,
+    held: Vec<Option<Reason>>,
+    /// How slots were before a reload took the cast away.
+    before: HashMap<&'static str, Own>,
+    recent: Recent,
+    /// The fault that the emergency stop is latched for.
+    emergency: Option<u64>,
+}
+
+impl Handler {
+    /// Takes up what runs now; returns lines about whom that changes.
+    pub fn adopt(&mut self, cast: Cast) -> Vec<Line> {
+        self.own = cast.hands.iter().map(|hand| own_of(hand, self.before.get(hand.slot.name).copied())).collect();
+        self.running = cast.hands.iter().map(|hand| hand.slot.status.state() == State::Active).collect();
+        self.held = vec![None; cast.hands.len()];
+        self.recent.forget();
+        self.cast = Some(cast);
+        self.settle()
+    }
+
+    /// Lets go of all that runs: it is about to change, or to end.
+    pub fn withdraw(&mut self) {
+        if let Some(cast) = self.cast.take() {
+            self.before = cast.hands.iter().zip(&self.own).map(|(hand, own)| (hand.slot.name, *own)).collect();
+        }
+    }
+
+    /// Of which earlier fault this one is a consequence.
+    #[must_use]
+    pub fn root_of(&self, event: &FaultEvent) -> Option<u64> {
+        let cast = self.cast.as_ref().filter(|_| event.fault.stage == Stage::Confirmed)?;
+        self.recent.root_of(&cast.graph, cast.graph.slot(event.slot)?, event.fault.at_ns)
+    }
+
+    /// Takes note of a fault that was journaled under that sequence number; returns lines about what follows.
+    pub fn take(&mut self, event: &FaultEvent, sequence: u64, root: Option<u64>) -> Vec<Line> {
+        if event.fault.stage != Stage::Confirmed {
+            return Vec::new();
+        }
+        if event.answer == Answer::Emergency && emergency::latched() {
+            self.emergency.get_or_insert(sequence);
+        }
+        let Some(slot) = self.cast.as_ref().and_then(|cast| cast.graph.slot(event.slot)) else {
+            // Nothing is handled at this moment: the state of the slot will tell.
+            if event.outcome == Outcome::Stopped {
+                self.before.insert(event.slot, Own::Faulty(sequence));
+            }
+            return Vec::new();
+        };
+        if event.answer != Answer::Prepare {
+            self.recent.remember(slot, event.fault.at_ns, root.unwrap_or(sequence));
+        }
+        match event.outcome {
+            Outcome::Stopped => {
+                self.own[slot] = Own::Faulty(root.unwrap_or(sequence));
+                self.running[slot] = false;
+            }
+            // Its stop was lost on the way.
+            Outcome::Recovered if matches!(self.own[slot], Own::Faulty(_)) => {
+                (self.own[slot], self.running[slot]) = (Own::Wanted, true);
+            }
+            Outcome::Recovered | Outcome::Ignored | Outcome::Failed => return Vec::new(),
+        }
+        self.settle()
+    }
+
+    /// Events were lost: the states of the slots tell what they said.
+    pub fn look_around(&mut self) -> Vec<Line> {
+        let Some(cast) = &self.cast else { return Vec::new() };
+        for (number, hand) in cast.hands.iter().enumerate() {
+            match hand.slot.status.state() {
+                State::Error if self.own[number] == Own::Wanted => {
+                    (self.own[number], self.running[number]) = (Own::Faulty(0), false);
+                }
+                State::Active => (self.own[number], self.running[number]) = (Own::Wanted, true),
+                _ => {}
+            }
+        }
+        self.settle()
+    }
+
+    /// True when it is known for which fault the emergency stop was raised: that comes a little later than the stop.
+    #[must_use]
+    pub const fn knows_emergency(&self) -> bool {
+        self.emergency.is_some()
+    }
+
+    /// A line about the emergency stop.
+    #[must_use]
+    pub fn describe(&self, notice: Notice) -> Line {
+        let fields = match notice {
+            Notice::Raised { slot, at_ns, written_ns, outputs, is_first } => {
+                let after_ns = written_ns.saturating_sub(at_ns);
+                let latched = if is_first { "; latched until `fault clear`" } else { "" };
+                tracing::error!("EMERGENCY STOP for a fault of {slot}: {outputs} safe outputs written{latched}");
+                json!({"step": "raised", "slot": slot, "outputs": outputs, "after_ns": after_ns, "root": self.emergency})
+            }
+            Notice::Stopped { slot, state, outputs, at_ns } => {
+                tracing::error!("emergency stop: actuator {slot} is {}, {outputs} safe outputs written", state.name());
+                json!({"step": "stopped", "slot": slot, "state": state, "outputs": outputs, "at_ns": at_ns, "root": self.emergency})
+            }
+        };
+        ("emergency", fields.as_object().cloned().unwrap_or_default())
+    }
+
+    /// Carries out an order; returns lines about it.
+    ///
+    /// # Errors
+    /// When it is refused.
+    pub fn obey(&mut self, order: &Order) -> Result<(Value, Vec<Line>), Refused> {
+        let busy = || Refused::Busy("the daemon starts, reloads or ends: ask again".to_owned());
+        let cast = self.cast.as_ref().ok_or_else(busy)?;
+        if order.verb == Verb::Clear {
+            return self.clear();
+        }
+        let unknown = || Refused::NoSuchSlot(order.slot.clone());
+        let number = cast.graph.slot(&order.slot).ok_or_else(unknown)?;
+        if order.verb != Verb::Stop && emergency::latched() {
+            return Err(Refused::latched());
+        }
+        let state = cast.hands[number].slot.status.state();
+        self.own[number] = match (order.verb, self.own[number]) {
+            (Verb::Stop, own @ Own::Faulty(_)) => own,
+            (Verb::Stop, _) => Own::Off,
+            (Verb::Start, Own::Faulty(_)) => return Err(Refused::failed(&order.slot)),
+            (Verb::Reset, Own::Faulty(_)) | (Verb::Start, _) => Own::Wanted,
+            (Verb::Reset | Verb::Clear, _) => return Err(Refused::sound(&order.slot, state)),
+        };
+        let mut lines = vec![ordered(order)];
+        lines.extend(self.settle());
+        Ok((self.answer(number), lines))
+    }
+
+    /// The operator takes the emergency stop back: actuators start again.
+    fn clear(&mut self) -> Result<(Value, Vec<Line>), Refused> {
+        if !emergency::clear() {
+            return Err(Refused::Other("no emergency stop is latched: there is nothing to clear".to_owned()));
+        }
+        let mut fields = Map::new();
+        fields.insert("root".into(), self.emergency.take().into());
+        let mut lines = vec![("clear", fields)];
+        let actuators = self.cast.iter().flat_map(|cast| cast.graph.nodes()).map(|node| node.is_actuator);
+        for (own, _) in self.own.iter_mut().zip(actuators).filter(|(_, is_actuator)| *is_actuator) {
+            if matches!(own, Own::Faulty(_)) {
+                *own = Own::Wanted;
+            }
+        }
+        lines.extend(self.settle());
+        let slots: Vec<Value> =
+            (0..self.own.len()).filter(|number| self.is_actuator(*number)).map(|number| self.answer(number)).collect();
+        Ok((json!({"actuators": slots}), lines))
+    }
+
+    fn is_actuator(&self, number: Number) -> bool {
+        self.cast.as_ref().is_some_and(|cast| cast.graph.nodes()[number].is_actuator)
+    }
+
+    /// A slot, and why it does not run.
+    fn answer(&self, number: Number) -> Value {
+        let Some(cast) = &self.cast else { return Value::Null };
+        let slot = &cast.hands[number].slot;
+        json!({"slot": slot.name, "state": slot.status.state(), "reason": self.reason(cast, number)})
+    }
+
+    fn reason(&self, cast: &Cast, number: Number) -> Option<String> {
+        match (self.held[number], self.own[number]) {
+            (Some(reason), _) => Some(reason.text(&cast.graph, number)),
+            (None, Own::Faulty(0)) => Some("a fault stopped it".to_owned()),
+            (None, Own::Faulty(root)) => Some(format!("fault {root} stopped it")),
+            (None, Own::Off) if cast.hands[number].autostart => Some("told to stop".to_owned()),
+            _ => None,
+        }
+    }
+
+    /// Why slots do not run.
+    pub fn publish(&self, reasons: &Reasons) {
+        let Some(cast) = &self.cast else { return };
+        let names = cast.hands.iter().enumerate();
+        reasons
+            .replace(names.filter_map(|(number, hand)| Some((hand.slot.name, self.reason(cast, number)?))).collect());
+    }
+
+    /// Brings what runs to what is to run.
+    fn settle(&mut self) -> Vec<Line> {
+        let Some(cast) = self.cast.take() else { return Vec::new() };
+        let latch = emergency::latched().then_some(self.emergency);
+        if latch.is_some() {
+            // Their executors stop them by themselves, which is more than a stop.
+            let actuators = cast.graph.nodes().iter().map(|node| node.is_actuator);
+            self.running.iter_mut().zip(actuators).for_each(|(running, is_actuator)| *running &= !is_actuator);
+        }
+        let verdicts = diagnose(&cast.graph, &self.own, latch);
+        let moves = decide(&cast.graph, &self.running, &verdicts);
+        let began_ns = clock::now_ns();
+        for (act, waves) in [(Move::Stop, &moves.stop), (Move::Raise, &moves.start)] {
+            waves.iter().for_each(|wave| self.carry_out(&cast, act, wave));
+        }
+        let lines = self.tell(&cast, &verdicts, clock::now_ns() - began_ns);
+        self.cast = Some(cast);
+        lines
+    }
+
+    /// One batch for each executor, all at once; then their answers.
+    fn carry_out(&mut self, cast: &Cast, act: Move, wave: &Wave) {
+        let members = |batch: &Batch| batch.slots.iter().map(|slot| cast.hands[*slot].member).collect();
+        let asked: Vec<(&Batch, Receiver<Vec<State>>)> =
+            wave.iter().map(|batch| (batch, cast.executors[batch.executor].steer(act, members(batch)))).collect();
+        for (batch, answer) in asked {
+            let states = answer.recv_timeout(HANDLING_STEP).unwrap_or_else(|_| {
+                let name = &cast.executors[batch.executor].name;
+                tracing::error!("executor {name} does not answer: slots that it should {} wait for it", act.name());
+                Vec::new()
+            });
+            for (place, slot) in batch.slots.iter().enumerate() {
+                self.running[*slot] = act == Move::Raise;
+                // A start that failed: its fault is on its way.
+                if act == Move::Raise && states.get(place) == Some(&State::Error) {
+                    (self.own[*slot], self.running[*slot]) = (Own::Faulty(0), false);
+                }
+            }
+        }
+    }
+
+    /// Lines about those who are held now, for another reason than before, or no longer.
+    fn tell(&mut self, cast: &Cast, verdicts: &[Verdict], took_ns: u64) -> Vec<Line> {
+        let mut lines = Vec::new();
+        for (number, verdict) in verdicts.iter().enumerate() {
+            let reason = if let Verdict::Held(reason) = verdict { Some(*reason) } else { None };
+            let before = std::mem::replace(&mut self.held[number], reason);
+            let slot = &cast.hands[number].slot;
+            match (before, reason) {
+                (None, Some(reason)) => {
+                    let (text, root) = (reason.text(&cast.graph, number), reason.root);
+                    tracing::warn!("slot {}: stopped: {text}{}", slot.name, told(root));
+                    lines.push(line("held", slot, &text, root, took_ns));
+                }
+                (Some(reason), None) if *verdict == Verdict::Runs => {
+                    tracing::info!("slot {}: {} again", slot.name, slot.status.state().name());
+                    lines.push(line("returned", slot, &reason.text(&cast.graph, number), reason.root, took_ns));
+                }
+                _ => {}
+            }
+        }
+        lines
+    }
+}
+
+fn told(root: Option<u64>) -> String {
+    root.map(|root| format!(", a consequence of fault {root}")).unwrap_or_default()
+}
+
+fn line(kind: &'static str, slot: &Slot, reason: &str, root: Option<u64>, took_ns: u64) -> Line {
+    let fields =
+        json!({"slot": slot.name, "state": slot.status.state(), "reason": reason, "root": root, "took_ns": took_ns});
+    (kind, fields.as_object().cloned().unwrap_or_default())
+}
+
+fn ordered(order: &Order) -> Line {
+    tracing::info!("slot {}: {} by an operator", order.slot, order.verb.name());
+    let fields = json!({"slot": order.slot, "verb": order.verb.name()});
+    ("order", fields.as_object().cloned().unwrap_or_default())
+}

@@ -1,0 +1,78 @@
+//! What an operator may have done to slots, and how it is refused.
+
+use serde_json::Value;
+
+use crate::model::lifecycle::State;
+
+/// What is to be done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verb {
+    /// A slot is to run.
+    Start,
+    /// A slot is not to run.
+    Stop,
+    /// A slot that a fault stopped is to run again.
+    Reset,
+    /// The emergency stop is taken back.
+    Clear,
+}
+
+impl Verb {
+    /// Its name in the journal.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Start => "start",
+            Self::Stop => "stop",
+            Self::Reset => "reset",
+            Self::Clear => "clear",
+        }
+    }
+}
+
+/// Why an order is refused.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Refused {
+    /// There is no such slot.
+    NoSuchSlot(String),
+    /// The emergency stop is latched.
+    Latched(String),
+    /// Not now.
+    Busy(String),
+    /// For this reason.
+    Other(String),
+}
+
+impl Refused {
+    /// Nothing starts before an operator has looked.
+    #[must_use]
+    pub fn latched() -> Self {
+        Self::Latched(
+            "the emergency stop is latched: see what is wrong, then `framework-daemon fault clear`".to_owned(),
+        )
+    }
+
+    pub(super) fn failed(slot: &str) -> Self {
+        Self::Other(format!("a fault stopped `{slot}`: `component reset {slot}` brings it back"))
+    }
+
+    pub(super) fn sound(slot: &str, state: State) -> Self {
+        let state = state.name();
+        Self::Other(format!(
+            "`{slot}` is {state}: only what a fault stopped is reset; else `component start` or `stop`"
+        ))
+    }
+}
+
+/// How an order ended.
+pub type Obeyed = Result<Value, Refused>;
+
+/// An order with who is told how it ended.
+pub struct Order {
+    /// What is to be done.
+    pub verb: Verb,
+    /// To which slot; empty for [`Verb::Clear`].
+    pub slot: String,
+    /// Told how it ended.
+    pub answer: Box<dyn FnOnce(Obeyed) + Send>,
+}

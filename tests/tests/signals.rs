@@ -1,7 +1,7 @@
 //! Signals that go wrong are found at the ports: silence, jumps, limits that depend on other fields.
 
 use serde_json::Value;
-use tests::profiles::{Profiles, application, plugin_dir, slot};
+use tests::profiles::{Profiles, application, connection, plugin_dir, slot};
 use tests::running::Running;
 
 fn rules(inside: &str) -> String {
@@ -82,4 +82,72 @@ fn an_input_that_nobody_is_connected_to_blames_nobody() {
     std::thread::sleep(std::time::Duration::from_millis(300));
     daemon.stop();
     assert!(daemon.entries("fault").is_empty() && daemon.entries("healed").is_empty());
+}
+
+/// What is found of a wave by a `<validity>` at its connection.
+fn checked(script: &str, rules: &str, validity: &str) -> Profiles {
+    let wire = connection("wave.out -> ear.heard", validity);
+    let slots = [wave(script, rules), slot("ear", "Ear", "")];
+    let profiles = Profiles::new(&application(&slots, &[&wire]));
+    profiles.describe(&plugin_dir().join("libsignals.so"));
+    profiles
+}
+
+#[test]
+fn a_limit_may_depend_on_another_field_of_the_same_object() {
+    // A robot at a speed of 2 needs 11 of distance, one at rest 10.
+    let limit = "<validity field=\"distance\"><min slope=\"0.5\" of=\"speed\" offset=\"10\"/></validity>";
+    let profiles = checked("10.5x40 10.5/2x3 11/2x40 9x3 ...", "", limit);
+    let daemon = Running::start(profiles.path(), &[]);
+    let faults = daemon.journal("fault", 2);
+    let found = |fault: &Value| {
+        let evidence = &fault["evidence"];
+        (evidence["value"].as_f64(), evidence["limit"].as_f64(), evidence["field"].as_str().map(str::to_owned))
+    };
+    let distance = Some("distance".to_owned());
+    assert_eq!(found(&faults[0]), (Some(10.5), Some(11.0), distance.clone()));
+    assert_eq!(found(&faults[1]), (Some(9.0), Some(10.0), distance));
+    assert_eq!(texts(&faults[..2], "symptom"), ["validity", "validity"]);
+    let _ = daemon.journal("healed", 1);
+    daemon.wait_for("validity: heard, field distance: 10.5, limit 11;");
+}
+
+#[test]
+fn a_value_that_jumps_is_found_by_its_rate() {
+    // 5 ms apart, give or take: a step of 1 is a rate of 200, a step of 100 one of 20,000.
+    let profiles =
+        checked("1x40 2x40 101x40 ...", "", "<validity field=\"distance\"><max_rate>3000</max_rate></validity>");
+    let daemon = Running::start(profiles.path(), &[]);
+    let faults = daemon.journal("fault", 2);
+    assert_eq!(texts(&faults[..2], "symptom"), ["rate", "rate"]);
+    for fault in &faults[..2] {
+        assert!(fault["evidence"]["value"].as_f64() > Some(3000.0) && fault["evidence"]["limit"] == 3000.0, "{fault}");
+    }
+    let _ = daemon.journal("healed", 2);
+}
+
+#[test]
+fn what_is_no_number_is_never_valid_and_each_element_is_checked() {
+    let profiles = checked("1x40 NaN 1x40 7 ...", "", "<validity field=\"echoes\"><max>5</max></validity>");
+    let daemon = Running::start(profiles.path(), &[]);
+    let faults = daemon.journal("fault", 2);
+    assert_eq!((&faults[0]["evidence"]["field"], &faults[0]["evidence"]["value"]), (&"echoes[2]".into(), &Value::Null));
+    assert_eq!(
+        (&faults[1]["evidence"]["field"], faults[1]["evidence"]["value"].as_f64()),
+        (&"echoes[2]".into(), Some(7.0))
+    );
+}
+
+#[test]
+fn a_value_that_comes_and_goes_within_its_delay_is_one_fault() {
+    let validity = "<validity field=\"distance\" delay=\"100ms\"><max>5</max><on_invalid>hold</on_invalid></validity>";
+    // Two bad ones among good ones are nothing; bad ones for long are a fault; good ones in between are not the end of it.
+    let profiles = checked("1x40 9x2 1x40 9x100 1x2 9x100 1", "", validity);
+    let mut daemon = Running::start(profiles.path(), &[]);
+    let _ = daemon.journal("cleared", 1);
+    daemon.stop();
+    let count = |kind: &str| daemon.entries(kind).len();
+    assert_eq!((count("fault"), count("healed"), count("cleared")), (1, 1, 1));
+    let at = |kind: &str| daemon.entries(kind)[0]["mono_ns"].as_u64().unwrap();
+    assert!(at("fault") < at("healed") && at("healed") < at("cleared"));
 }

@@ -36,6 +36,7 @@ const UNSAFE: &[&str] = &[
     "framework-daemon/src/port/block.rs",
     "framework-daemon/src/port/border.rs",
     "framework-daemon/src/port/check.rs",
+    "framework-daemon/src/port/rule.rs",
     "framework-daemon/src/port/exchange.rs",
     "framework-daemon/src/port/input.rs",
     "framework-daemon/src/port/output.rs",

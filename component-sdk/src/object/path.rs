@@ -37,6 +37,8 @@ pub enum PathError {
     },
     /// The field is no number, nor an array or sequence of numbers.
     NoNumber,
+    /// The field holds several numbers where one is meant.
+    Several,
     /// The field is an array of that many, all before this place, or nothing that has places.
     NoPlace {
         /// The place that was named.
@@ -90,6 +92,16 @@ impl FieldPath {
         if kind.is_number() { Ok(Self { offset, kind, size: element.size, shape }) } else { Err(PathError::NoNumber) }
     }
 
+    /// How many numbers it names; `None`: as many as a sequence has.
+    #[must_use]
+    pub const fn count(&self) -> Option<usize> {
+        match self.shape {
+            Shape::One | Shape::Element(_) => Some(1),
+            Shape::Array(count) => Some(count),
+            Shape::Sequence => None,
+        }
+    }
+
     /// True where it names one number, never several.
     #[must_use]
     pub const fn is_single(&self) -> bool {
@@ -100,6 +112,7 @@ impl FieldPath {
     ///
     /// # Safety
     /// As [`Self::all`].
+    #[inline]
     pub unsafe fn first(&self, object: *const u8) -> Option<f64> {
         let mut found = None;
         let take = |number| {
@@ -115,6 +128,7 @@ impl FieldPath {
     ///
     /// # Safety
     /// `object` points to a valid object of the descriptor that the path was resolved with.
+    #[inline]
     pub unsafe fn all(&self, object: *const u8, mut test: impl FnMut(f64) -> bool) -> bool {
         // SAFETY: by contract the field lies at this offset inside the object.
         let field = unsafe { object.add(self.offset) };
@@ -144,6 +158,7 @@ impl FieldPath {
     ///
     /// # Safety
     /// At least `index + 1` numbers of this kind lie at `start`.
+    #[inline]
     unsafe fn load(&self, start: *const u8, index: usize) -> f64 {
         macro_rules! number {
             ($scalar:ty) => {

@@ -12,5 +12,11 @@ pub mod freshness;
 /// Whether memory may be damaged after a fault.
 pub mod taint;
 
-/// A value outside its range, and for how long.
+/// A value outside its range.
 pub mod range;
+
+/// How fast a value changes.
+pub mod rate;
+
+/// A time of bad values, debounced.
+pub mod episode;

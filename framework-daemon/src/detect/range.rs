@@ -1,4 +1,4 @@
-//! A value outside its range, and for how long: the paper's `min`, `max` and `delay`.
+//! A value outside its range: the paper's `min` and `max`, constants or linear functions of another value.
 
 /// Inclusive bounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,39 +10,40 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// The bound that `value` crosses; `None`: it lies within. What is not a number lies nowhere.
+    /// The bound that `value` crosses; `None`: it lies within. What is not a number lies nowhere, and within a bound that is none
+    /// lies nothing; what is infinite lies where its side is open.
     #[must_use]
+    #[inline]
     pub fn crossed(&self, value: f64) -> Option<f64> {
-        if value < self.min {
-            Some(self.min)
-        } else if value > self.max {
-            Some(self.max)
-        } else if value.is_nan() {
-            Some(f64::NAN)
-        } else {
-            None
+        // Both false where either is no number.
+        if value >= self.min && value <= self.max {
+            return None;
         }
+        Some(if value.is_nan() {
+            f64::NAN
+        } else if value >= self.min {
+            self.max
+        } else {
+            self.min
+        })
     }
 }
 
-/// A time of bad values: reported once, when it has lasted `delay`; the next one begins after a good value.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Episode {
-    since_ns: Option<u64>,
-    reported: bool,
+/// `slope * x + offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Linear {
+    /// Factor.
+    pub slope: f64,
+    /// What is added.
+    pub offset: f64,
 }
 
-impl Episode {
-    /// Takes note of one value; true when this is the moment to report.
-    pub fn note(&mut self, bad: bool, now_ns: u64, delay_ns: u64) -> bool {
-        if !bad {
-            *self = Self::default();
-            return false;
-        }
-        let since = *self.since_ns.get_or_insert(now_ns);
-        let due = !self.reported && now_ns.saturating_sub(since) >= delay_ns;
-        self.reported |= due;
-        due
+impl Linear {
+    /// Its value at `x`.
+    #[must_use]
+    pub fn at(&self, x: f64) -> f64 {
+        // Without a slope it does not depend on what is infinite.
+        if self.slope == 0.0 && !x.is_nan() { self.offset } else { self.slope * x + self.offset }
     }
 }
 
@@ -59,21 +60,29 @@ mod tests {
         assert_eq!(bounds.crossed(0.0), Some(3.0));
         assert_eq!(bounds.crossed(300.1), Some(300.0));
         assert!(bounds.crossed(f64::NAN).is_some());
+        assert_eq!(bounds.crossed(f64::INFINITY), Some(300.0));
+        let open = Bounds { min: 3.0, max: f64::INFINITY };
+        assert_eq!((open.crossed(f64::INFINITY), open.crossed(f64::NEG_INFINITY)), (None, Some(3.0)));
+        let unknown = Bounds { min: 3.0, max: f64::NAN };
+        assert!(unknown.crossed(5.0).is_some(), "a limit that depends on what is no number is kept by nothing");
+    }
+
+    #[test]
+    fn a_line_is_a_line() {
+        let line = Linear { slope: 0.5, offset: 10.0 };
+        assert_eq!((line.at(4.0), line.at(-20.0)), (12.0, 0.0));
+        assert_eq!(Linear { slope: 0.0, offset: 1.0 }.at(f64::INFINITY), 1.0);
+        assert!(line.at(f64::NAN).is_nan());
     }
 
     proptest! {
-        /// One report an episode, never before the delay.
         #[test]
-        fn an_episode_is_reported_once(values in prop::collection::vec((any::<bool>(), 0..20u64), 0..200), delay in 0..50u64) {
-            let (mut episode, mut now, mut since, mut reports) = (Episode::default(), 0, None, 0);
-            for (bad, gap) in values {
-                now += gap;
-                if bad { since.get_or_insert(now); } else { since = None; reports = 0; }
-                if episode.note(bad, now, delay) {
-                    reports += 1;
-                    prop_assert!(bad && now - since.unwrap() >= delay);
-                }
-                prop_assert!(reports <= 1);
+        fn what_crosses_a_bound_lies_beyond_it(value: f64, min in -1e6..1e6f64, width in 0.0..1e6f64) {
+            let bounds = Bounds { min, max: min + width };
+            match bounds.crossed(value) {
+                None => prop_assert!(bounds.min <= value && value <= bounds.max),
+                Some(limit) if limit.is_nan() => prop_assert!(value.is_nan()),
+                Some(limit) => prop_assert!((limit == bounds.min && value < limit) || (limit == bounds.max && value > limit)),
             }
         }
     }

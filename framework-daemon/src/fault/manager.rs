@@ -344,7 +344,11 @@ fn describe(fault: &Fault, origin: &Origin) -> String {
 
 fn value_in_words(port: &str, field: &str, value: f64, limit: f64) -> String {
     let place = if field.is_empty() { port.to_owned() } else { format!("{port}, field {field}") };
-    if limit.is_nan() { format!("{place}: {value}") } else { format!("{place}: {value}, limit {limit}") }
+    match (value.is_nan(), limit.is_nan()) {
+        (true, true) => place,
+        (_, true) => format!("{place}: {value}"),
+        _ => format!("{place}: {value}, limit {limit}"),
+    }
 }
 
 fn time(ns: u64) -> String {

@@ -161,7 +161,9 @@ pub const LOG_RECORDS: usize = 1_024;
 /// Lines of the daemon's own log waiting to be written.
 pub const LOG_LINES: usize = 4_096;
 /// Charges by others that wait for one slot.
-pub const CHARGES: usize = 4;
+pub const CHARGES: usize = 8;
+/// Elements of a sequence whose rate of change is checked: the first ones.
+pub const RATE_ELEMENTS: usize = 1_024;
 /// Fault events waiting for the fault manager.
 pub const FAULT_EVENTS: usize = 4_096;
 /// Idle fibers that an executor makes room for, for each size of stack.

@@ -1,44 +1,37 @@
-//! Range checks on the values of a port or connection, compiled from `<validity>` at load: an offset load and two
-//! comparisons each.
+//! Checks on the values of a port or connection, compiled from `<validity>` at load: an offset load and two comparisons
+//! for a range, and one word that says that all was well before.
 //!
 //! The value lies in the memory of a component and may hold pointers that lead nowhere: while it is looked at, nothing is
 //! locked and nothing is held that a trap would leak.
 //!
 //! What a check finds is kept for the thread until its callback returns ([`take_report`](crate::port::check::take_report)): the writer's callback runs on
-//! this thread, and the writer is to blame for what it wrote.
+//! this thread, and the writer is to blame for what it wrote. That it is over nobody has to answer: it waits in the queue of the
+//! writer's slot.
 
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 use component_sdk::object::TypeDescriptor;
-use component_sdk::object::path::{FieldPath, PathError};
+use component_sdk::object::path::PathError;
 
 use super::block::Sample;
-use crate::detect::range::{Bounds, Episode};
-use crate::model::fault::{Evidence, Label};
+use super::rule::{self, Found, Rule};
+use crate::model::fault::{Evidence, Fault, Label, Stage};
 use crate::model::symptom::Symptom;
-use crate::model::time::nanoseconds;
-use crate::profile::plan::{Limit, OnInvalid, Validity};
+use crate::profile::plan::{OnInvalid, Validity};
 use crate::sys::seat::{self, Note};
 
 /// The checks of one port or connection.
 #[derive(Default)]
 pub struct Checks {
-    rules: Vec<Check>,
+    rules: Vec<Rule>,
+    /// One of them holds the last valid value.
+    holds: bool,
     /// The next value begins all episodes anew. A flag, because a recovery sets it, which waits for no lock.
     anew: AtomicBool,
     /// The last value that satisfied every rule, where one of them wants it.
     last_valid: Mutex<Option<Sample>>,
-}
-
-struct Check {
-    field: String,
-    path: FieldPath,
-    bounds: Bounds,
-    delay_ns: u64,
-    on_invalid: OnInvalid,
-    episode: Mutex<Episode>,
 }
 
 /// A value on its way through the checks.
@@ -47,6 +40,8 @@ pub(super) struct Candidate<'a> {
     pub(super) value: *const u8,
     /// Its block, asked for when the value has been judged.
     pub(super) sample: &'a dyn Fn() -> Option<Sample>,
+    /// Charges its writer; false: that was lost.
+    pub(super) charge: &'a dyn Fn(&Fault) -> bool,
 }
 
 /// What the reader gets.
@@ -62,7 +57,7 @@ pub enum Verdict {
 /// What a check found.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
-    /// `validity` or `overload`.
+    /// `validity`, `rate` or `overload`.
     pub symptom: Symptom,
     /// Port, field, value, limit.
     pub evidence: Evidence,
@@ -78,43 +73,31 @@ pub fn take_report() -> Option<Report> {
     if seat::take(Note::Found) { REPORT.take() } else { None }
 }
 
-fn report(symptom: Symptom, port: &str, field: &str, value: f64, limit: f64) {
-    // The first one of a callback is kept: what follows it may be its consequence.
-    if !seat::leave(Note::Found) {
-        return;
+/// False: there is one already. The first one of a callback is kept: what follows it may be its consequence.
+fn report(symptom: Symptom, evidence: Evidence) -> bool {
+    let is_first = seat::leave(Note::Found);
+    if is_first {
+        REPORT.set(Some(Report { symptom, evidence }));
     }
-    let evidence = Evidence::Value { port: Label::new(port), field: Label::new(field), value, limit };
-    REPORT.set(Some(Report { symptom, evidence }));
+    is_first
 }
 
 /// Reports that a queue that may lose nothing lost a value.
 pub(super) fn report_overload(port: &str) {
-    report(Symptom::Overload, port, "", f64::NAN, f64::NAN);
+    let (port, field) = (Label::new(port), Label::EMPTY);
+    report(Symptom::Overload, Evidence::Value { port, field, value: f64::NAN, limit: f64::NAN });
 }
 
 impl Checks {
-    /// Compiles the constant bounds of `validity` for objects of that type.
+    /// Compiles `validity` for objects of that type.
     ///
     /// # Errors
     /// The field that is wrong, and why.
     pub fn compile(validity: &[Validity], object: &'static TypeDescriptor) -> Result<Self, (String, PathError)> {
-        let compiled = validity.iter().map(|rule| {
-            let path = FieldPath::resolve(object, &rule.field).map_err(|error| (rule.field.clone(), error))?;
-            let constant = |limit: &Option<Limit>, open| match limit {
-                Some(Limit::Constant(bound)) => *bound,
-                _ => open,
-            };
-            Ok(Check {
-                field: rule.field.clone(),
-                path,
-                bounds: Bounds { min: constant(&rule.min, f64::NEG_INFINITY), max: constant(&rule.max, f64::INFINITY) },
-                delay_ns: nanoseconds(rule.delay),
-                on_invalid: rule.on_invalid,
-                episode: Mutex::default(),
-            })
-        });
-        let rules = compiled.collect::<Result<_, (String, PathError)>>()?;
-        Ok(Self { rules, ..Self::default() })
+        let compiled = validity.iter().map(|rule| rule::compile(rule, object));
+        let rules: Vec<Rule> = compiled.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
+        let holds = rules.iter().any(|rule| rule.on_invalid == OnInvalid::Hold);
+        Ok(Self { rules, holds, ..Self::default() })
     }
 
     /// Those of a connection without any: one for all.
@@ -133,8 +116,8 @@ impl Checks {
     /// True when both ask the same.
     #[must_use]
     pub fn same_rules(&self, other: &Self) -> bool {
-        let key = |check: &Check| (check.path, check.bounds, check.delay_ns, check.on_invalid);
-        self.rules.iter().map(key).eq(other.rules.iter().map(key))
+        self.rules.len() == other.rules.len()
+            && self.rules.iter().zip(&other.rules).all(|(one, other)| one.is_same(other))
     }
 
     /// Begins anew: the writer was reset or replaced, and what its successor writes wrongly is another fault.
@@ -144,31 +127,56 @@ impl Checks {
         }
     }
 
+    /// Judges a value that lies in its block, whose writer nobody charges.
+    #[must_use]
+    pub fn judge_block(&self, port: &str, sample: &Sample, now_ns: u64) -> Verdict {
+        let (share, charge) = (|| Some(Arc::clone(sample)), |_: &Fault| true);
+        self.judge(port, &Candidate { value: sample.value(), sample: &share, charge: &charge }, now_ns)
+    }
+
     /// Judges one value: dropping it weighs more than holding an earlier one, and that more than passing it.
+    #[inline]
+    #[allow(unsafe_code, reason = "the rules were compiled for the type of this port's blocks")]
     pub(super) fn judge(&self, port: &str, candidate: &Candidate<'_>, now_ns: u64) -> Verdict {
         if self.anew.load(Ordering::Relaxed) && self.anew.swap(false, Ordering::AcqRel) {
-            self.rules.iter().for_each(|check| *lock(&check.episode) = Episode::default());
+            self.rules.iter().for_each(Rule::begin_anew);
         }
-        let broken = self.rules.iter().filter_map(|check| check.judge(port, candidate.value, now_ns));
-        let worst = broken.reduce(|one, other| if weight(one) >= weight(other) { one } else { other });
-        match worst {
-            None if self.rules.iter().any(|check| check.on_invalid == OnInvalid::Hold) => {
-                let valid = (candidate.sample)();
-                let before = std::mem::replace(&mut *lock(&self.last_valid), valid);
-                drop(before);
-                Verdict::Pass
+        let mut worst = None;
+        for rule in &self.rules {
+            // SAFETY: `compile` resolved the fields with the descriptor of this port, connections join equal layouts only, and
+            // what a component sends is a valid object; a pointer in it that is not is a trap of that component.
+            let found = unsafe { rule.find(candidate.value, now_ns) };
+            if found.is_none() && rule.is_calm() {
+                continue;
             }
-            None | Some(OnInvalid::Pass) => Verdict::Pass,
-            Some(OnInvalid::Hold) => lock(&self.last_valid).clone().map_or(Verdict::Withhold, Verdict::Instead),
-            Some(OnInvalid::Drop) => Verdict::Withhold,
+            note(rule, port, found.as_ref(), candidate, now_ns);
+            if found.is_some() {
+                worst = worst.max(Some(weight(rule.on_invalid)));
+            }
         }
+        match worst {
+            None if self.holds => self.keep((candidate.sample)()),
+            None | Some(PASS) => Verdict::Pass,
+            Some(HOLD) => lock(&self.last_valid).clone().map_or(Verdict::Withhold, Verdict::Instead),
+            Some(_) => Verdict::Withhold,
+        }
+    }
+
+    fn keep(&self, valid: Option<Sample>) -> Verdict {
+        let before = std::mem::replace(&mut *lock(&self.last_valid), valid);
+        // Outside the lock: the last holder of an object frees the memory of a plugin.
+        drop(before);
+        Verdict::Pass
     }
 }
 
+const PASS: u8 = 0;
+const HOLD: u8 = 1;
+
 const fn weight(on_invalid: OnInvalid) -> u8 {
     match on_invalid {
-        OnInvalid::Pass => 0,
-        OnInvalid::Hold => 1,
+        OnInvalid::Pass => PASS,
+        OnInvalid::Hold => HOLD,
         OnInvalid::Drop => 2,
     }
 }
@@ -177,31 +185,26 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Check {
-    /// What the rule wants when the value breaks it.
-    fn judge(&self, port: &str, value: *const u8, now_ns: u64) -> Option<OnInvalid> {
-        let crossed = self.crossed(value);
-        let due = lock(&self.episode).note(crossed.is_some(), now_ns, self.delay_ns);
-        let (value, limit) = crossed?;
-        if due {
-            report(Symptom::Validity, port, &self.field, value, limit);
+/// A bad value, or one that ends a time of bad ones.
+#[cold]
+fn note(rule: &Rule, port: &str, found: Option<&Found>, candidate: &Candidate<'_>, now_ns: u64) {
+    rule.note(found.is_some(), now_ns, |stage| {
+        let evidence = evidence(rule, port, found);
+        match stage {
+            Stage::Confirmed => report(rule.symptom(), evidence),
+            stage => (candidate.charge)(&Fault { stage, ..Fault::told(rule.symptom(), now_ns, evidence) }),
         }
-        Some(self.on_invalid)
-    }
+    });
+}
 
-    /// The first number that crosses a bound, and that bound.
-    #[allow(unsafe_code, reason = "the path was compiled for the type of this port's blocks")]
-    fn crossed(&self, value: *const u8) -> Option<(f64, f64)> {
-        let mut found = None;
-        let mut within = |number: f64| {
-            found = self.bounds.crossed(number).map(|limit| (number, limit));
-            found.is_none()
-        };
-        // SAFETY: `compile` resolved the path with the descriptor of this port, connections join equal layouts only,
-        // and what a component sends is a valid object; a pointer in it that is not is a trap of that component.
-        unsafe { self.path.all(value, &mut within) };
-        found
-    }
+/// Of a value that breaks the rule, or of one that keeps it again.
+fn evidence(rule: &Rule, port: &str, found: Option<&Found>) -> Evidence {
+    let field = match found.filter(|_| !rule.is_single()) {
+        None => Label::new(&rule.field),
+        Some(found) => Label::of(format_args!("{}[{}]", rule.field, found.place)),
+    };
+    let (value, limit) = found.map_or((f64::NAN, f64::NAN), |found| (found.value, found.limit));
+    Evidence::Value { port: Label::new(port), field, value, limit }
 }
 
 #[cfg(test)]
@@ -210,7 +213,7 @@ mod tests {
 
     use super::super::block::Block;
     use super::*;
-    use crate::profile::plan::Location;
+    use crate::profile::plan::{Limit, Location};
 
     fn rule(max: f64, on_invalid: OnInvalid) -> Validity {
         let (field, location) = (String::new(), Location::default());
@@ -219,8 +222,7 @@ mod tests {
     }
 
     fn judged(checks: &Checks, sample: &Sample, now_ns: u64) -> Verdict {
-        let candidate = Candidate { value: sample.value(), sample: &|| Some(Arc::clone(sample)) };
-        checks.judge("p", &candidate, now_ns)
+        checks.judge_block("p", sample, now_ns)
     }
 
     #[allow(unsafe_code, reason = "the test plays the plugin, which fills blocks")]
@@ -244,5 +246,97 @@ mod tests {
             _ => panic!("the last good value is held"),
         }
         let _ = take_report();
+    }
+
+    /// What was told of, and whether the value passed.
+    fn run(checks: &Checks, values: &[(u64, f64)]) -> Vec<(bool, Option<(Symptom, Stage)>)> {
+        let told = Cell::new(None);
+        let tell = |fault: &Fault| {
+            told.set(Some((fault.symptom, fault.stage)));
+            true
+        };
+        let judge = |(now_ns, value): &(u64, f64)| {
+            let sample = sample(*value);
+            let candidate = Candidate { value: sample.value(), sample: &|| Some(Arc::clone(&sample)), charge: &tell };
+            let passed = !matches!(checks.judge("p", &candidate, *now_ns), Verdict::Withhold);
+            let found = take_report().map(|report| (report.symptom, Stage::Confirmed));
+            (passed, found.or(told.take()))
+        };
+        values.iter().map(judge).collect()
+    }
+
+    #[test]
+    fn a_time_of_bad_values_is_told_of_when_it_is_certain_and_when_it_is_over() {
+        let delayed = Validity { delay: std::time::Duration::from_nanos(50), ..rule(5.0, OnInvalid::Drop) };
+        let checks = Checks::compile(&[delayed], f64::DESCRIPTOR).unwrap();
+        let told = run(
+            &checks,
+            &[(10, 9.0), (40, 1.0), (50, 9.0), (100, 9.0), (110, 9.0), (120, 1.0), (150, 9.0), (160, 1.0), (210, 1.0)],
+        );
+        let stage = |stage| Some((Symptom::Validity, stage));
+        let stages: Vec<_> = told.iter().map(|(_, told)| *told).collect();
+        assert_eq!(stages[..4], [None, None, None, stage(Stage::Confirmed)]);
+        assert_eq!(stages[4..], [None, stage(Stage::Healed), None, None, stage(Stage::Cleared)]);
+        let passed: Vec<_> = told.iter().map(|(passed, _)| *passed).collect();
+        assert_eq!(passed, [false, true, false, false, false, true, false, true, true]);
+    }
+
+    #[test]
+    fn the_first_value_and_the_first_of_a_successor_have_no_rate() {
+        let rate = Validity { max: None, max_rate: Some(2.0), ..rule(0.0, OnInvalid::Drop) };
+        let checks = Checks::compile(&[rate], f64::DESCRIPTOR).unwrap();
+        let second = 1_000_000_000;
+        let told = run(&checks, &[(second, 100.0), (2 * second, 101.5), (3 * second, 104.0), (4 * second, 105.0)]);
+        let too_fast = Some((Symptom::Rate, Stage::Confirmed));
+        assert_eq!(told, [(true, None), (true, None), (false, too_fast), (true, Some((Symptom::Rate, Stage::Healed)))]);
+        checks.forget_episodes();
+        assert_eq!(run(&checks, &[(5 * second, 0.0), (6 * second, f64::NAN), (7 * second, 50.0)]), [(true, None); 3]);
+    }
+
+    #[allow(unsafe_code, reason = "as above")]
+    fn filled<T: CommObject + Copy>(value: T) -> Sample {
+        let block = Block::new(T::DESCRIPTOR);
+        // SAFETY: the block is for one T.
+        unsafe { block.value().cast::<T>().write(value) };
+        block.fill(1);
+        Arc::new(block)
+    }
+
+    #[test]
+    fn a_limit_may_be_a_line_over_another_field_and_each_element_is_held_to_it() {
+        // The first may be at most twice the second plus one.
+        let line = Limit::Linear { slope: 2.0, of: "[1]".into(), offset: 1.0 };
+        let field =
+            |field: &str| Validity { field: field.into(), max: Some(line.clone()), ..rule(0.0, OnInvalid::Drop) };
+        let passes = |field: Validity, value: [f64; 3]| {
+            let checks = Checks::compile(&[field], <[f64; 3]>::DESCRIPTOR).unwrap();
+            let passes = matches!(judged(&checks, &filled(value), 1), Verdict::Pass);
+            (passes, take_report().map(|report| report.evidence))
+        };
+        assert!(passes(field("[0]"), [7.0, 3.0, 99.0]).0);
+        assert!(!passes(field("[0]"), [7.1, 3.0, 0.0]).0);
+        assert!(!passes(field("[0]"), [0.0, f64::NAN, 0.0]).0, "a limit that is no number is kept by nothing");
+        match passes(field(""), [7.0, 3.0, 7.5]) {
+            (false, Some(Evidence::Value { field, value, limit, .. })) => {
+                assert_eq!((field.as_str(), value, limit), ("[2]", 7.5, 7.0));
+            }
+            other => panic!("{other:?}"),
+        }
+        let over_all = Limit::Linear { slope: 1.0, of: String::new(), offset: 0.0 };
+        let several = Validity { max: Some(over_all), ..rule(0.0, OnInvalid::Drop) };
+        assert!(Checks::compile(&[several], <[f64; 3]>::DESCRIPTOR).is_err());
+    }
+
+    #[test]
+    fn the_rate_of_each_element_is_its_own() {
+        let rate = Validity { max: None, max_rate: Some(2.0), ..rule(0.0, OnInvalid::Drop) };
+        let checks = Checks::compile(&[rate], <[f64; 3]>::DESCRIPTOR).unwrap();
+        for (at, value, expected) in
+            [(1, [0.0, 10.0, 0.0], None), (2, [1.0, 9.0, 1.0], None), (3, [1.0, 9.0, 4.0], Some("[2]"))]
+        {
+            let _ = judged(&checks, &filled(value), at * 1_000_000_000);
+            let field = take_report().map(|report| report.evidence.text().to_owned());
+            assert_eq!(field.as_deref(), expected);
+        }
     }
 }

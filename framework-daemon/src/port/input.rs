@@ -129,7 +129,7 @@ impl InPort {
     /// Charges the slots of all its writers. False: its connections are being changed all the time.
     pub fn charge_writers(&self, fault: &Fault) -> bool {
         let Ok(sources) = self.sources() else { return false };
-        sources.iter().filter_map(Source::upgrade).for_each(|output| output.charge(fault));
+        sources.iter().filter_map(Source::upgrade).for_each(|output| _ = output.charge(fault));
         true
     }
 

@@ -22,6 +22,9 @@ pub mod hearing;
 /// Range checks on the values of a port or connection.
 pub mod check;
 
+/// One compiled rule of a check.
+mod rule;
+
 /// A value that is read all the time and changed now and then.
 pub mod exchange;
 

@@ -212,10 +212,9 @@ impl OutPort {
         let _ = self.charges.set(charges);
     }
 
-    /// Charges its slot with a fault that somebody else saw.
-    pub fn charge(&self, fault: &Fault) {
-        // One that is lost is counted.
-        self.charges.get().into_iter().for_each(|charges| _ = charges.charge(fault));
+    /// Charges its slot with a fault that somebody else saw. False: it was lost, which is counted, or nobody's.
+    pub fn charge(&self, fault: &Fault) -> bool {
+        self.charges.get().is_some_and(|charges| charges.charge(fault))
     }
 
     /// Begins the checks of this port and its connections anew. Called by the thread that enters the slot's callbacks, between
@@ -393,12 +392,13 @@ impl OutPort {
         };
         // It holds an object from now on.
         let Some(()) = share().map(|sample| sample.fill(now_ns)) else { return Sent::Closed };
-        let own = Candidate { value, sample: &share };
+        let charge = |fault: &Fault| self.charge(fault);
+        let own = Candidate { value, sample: &share, charge: &charge };
         let sent = match table.links.is_empty() && table.taps.is_none() {
             true => Sent::Unconnected,
             false => match self.checks.judge(&self.name, &own, now_ns) {
                 Verdict::Pass => self.deliver(table, &own, now_ns),
-                Verdict::Instead(held) => self.deliver_held(table, &held, now_ns),
+                Verdict::Instead(held) => self.deliver_held(table, &held, &own, now_ns),
                 Verdict::Withhold => Sent::Dropped,
             },
         };
@@ -410,8 +410,9 @@ impl OutPort {
     }
 
     /// Hands an earlier value to every reader and to who listens.
-    fn deliver_held(&self, table: &Table, held: &Sample, now_ns: u64) -> Sent {
-        self.deliver(table, &Candidate { value: held.value(), sample: &|| Some(Arc::clone(held)) }, now_ns)
+    fn deliver_held(&self, table: &Table, held: &Sample, instead: &Candidate<'_>, now_ns: u64) -> Sent {
+        let share = || Some(Arc::clone(held));
+        self.deliver(table, &Candidate { value: held.value(), sample: &share, ..*instead }, now_ns)
     }
 
     /// Hands a value to every reader whose checks let it pass, and then to who listens: what drives something comes first.
@@ -443,7 +444,8 @@ fn deliver_one(link: &Link, candidate: &Candidate<'_>, now_ns: u64) -> Sent {
     match link.checks.judge(&link.target.name, candidate, now_ns) {
         Verdict::Pass => take_in(&link.target, candidate, now_ns),
         Verdict::Instead(held) => {
-            take_in(&link.target, &Candidate { value: held.value(), sample: &|| Some(Arc::clone(&held)) }, now_ns)
+            let share = || Some(Arc::clone(&held));
+            take_in(&link.target, &Candidate { value: held.value(), sample: &share, ..*candidate }, now_ns)
         }
         Verdict::Withhold => Sent::Dropped,
     }

@@ -18,8 +18,7 @@ use crate::model::limits;
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
 /// Symptoms that no detector reports yet.
-const NOT_DETECTED: [Symptom; 6] =
-    [Symptom::Rate, Symptom::Type, Symptom::Model, Symptom::Vote, Symptom::Device, Symptom::Late];
+const NOT_DETECTED: [Symptom; 5] = [Symptom::Type, Symptom::Model, Symptom::Vote, Symptom::Device, Symptom::Late];
 
 /// `fault_tolerance` as written, references not yet resolved.
 #[derive(Clone, Debug, Serialize)]
@@ -265,7 +264,6 @@ fn max_rate(element: &Element, report: &mut Reporter) -> Option<f64> {
         report.error(found.text_span, "max_rate must be more than 0");
         return None;
     }
-    report.not_active(found.name_span, "<max_rate>");
     Some(rate)
 }
 
@@ -286,7 +284,6 @@ fn limit(element: &Element, name: &str, report: &mut Reporter) -> Option<Limit> 
         report.error(found.name_span, format!("a linear <{name}> needs the attribute of")).hint =
             Some("of names the field that the limit depends on".to_owned());
     }
-    report.not_active(found.name_span, &format!("a linear <{name}>"));
     Some(Limit::Linear {
         slope: found.attribute("slope").map_or(Ok(1.0), |slope| quantity::number(&slope.value)).unwrap_or(1.0),
         of: found.value_of("of").to_owned(),

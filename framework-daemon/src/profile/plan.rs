@@ -345,7 +345,7 @@ pub struct Validity {
 pub enum Limit {
     /// A constant.
     Constant(f64),
-    /// `slope * field + offset` (not active yet).
+    /// `slope * field + offset`.
     Linear {
         /// Factor.
         slope: f64,

@@ -230,6 +230,7 @@ pub fn describe((field, error): &(String, PathError)) -> String {
             format!("validity field `{field}`: no field `{part}`; there are: {}", known.join(", "))
         }
         PathError::NoNumber => format!("validity field `{field}` holds no numbers: name a field inside it"),
+        PathError::Several => format!("validity limit of `{field}`: it holds several numbers: name one, `{field}[0]`"),
         PathError::NoPlace { count: 0, .. } => format!("validity field `{field}` has no places: it is one number"),
         PathError::NoPlace { place, count } => {
             format!("validity field `{field}`: there is no place {place}: it holds {count} numbers, from place 0 on")

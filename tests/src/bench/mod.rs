@@ -22,6 +22,9 @@ pub mod wire;
 /// What a guarded call costs.
 pub mod guard;
 
+/// Checks of values.
+pub mod validity;
+
 /// A supervisor of another school, beside ours.
 pub mod erlang;
 

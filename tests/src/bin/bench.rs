@@ -9,7 +9,7 @@ use serde_json::Value;
 use tests::bench::load::Load;
 use tests::bench::rig::Payload;
 use tests::bench::stats::{Samples, Setting};
-use tests::bench::{erlang, guard, hang, hop, recovery, report, wire};
+use tests::bench::{erlang, guard, hang, hop, recovery, report, validity, wire};
 
 /// As in the daemon.
 #[global_allocator]
@@ -38,8 +38,9 @@ struct Arguments {
     from: Option<PathBuf>,
 }
 
-const NAMES: [&str; 11] = [
+const NAMES: [&str; 12] = [
     "guard_cost",
+    "validity_check",
     "hop_same_executor",
     "hop_cross_executor",
     "query_same_executor",
@@ -79,6 +80,7 @@ fn main() -> io::Result<()> {
     }));
     let mut run = Run { arguments, lines: Vec::new() };
     run.guard_cost()?;
+    run.hop("validity_check", "16 fields", "idle", "other", || validity::check(1000))?;
     for (load, threads) in LOADS {
         for sched in SCHEDS {
             if run.is_asked(load, sched) {

@@ -15,6 +15,9 @@ pub mod crowd;
 /// Where the daemon's binary is.
 pub mod daemon_binary;
 
+/// Random histories of faults on random dependency graphs.
+pub mod histories;
+
 /// A plugin from outside the repository.
 pub mod outside;
 

@@ -7,10 +7,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use crossbeam_channel::Receiver;
 use serde_json::{Map, Value, json};
 
-use super::decide::{Batch, Wave, decide};
-use super::diagnose::{Own, Reason, Recent, Verdict, diagnose};
+use super::decide::{Batch, Wave};
+use super::diagnose::{Own, Recent, Verdict, diagnose};
 use super::graph::{Graph, Number};
 use super::order::{Order, Refused, Verb};
+use super::situation::{Senseless, Situation};
 use crate::exec::emergency::{self, Notice};
 use crate::exec::executor::{Executor, Move};
 use crate::exec::slot::Slot;
@@ -128,9 +129,9 @@ pub type Line = (&'static str, Map<String, Value>);
 #[derive(Default)]
 pub struct Handler {
     cast: Option<Cast>,
-    own: Vec<Own>,
-    running: Vec<bool>,
-    held: Vec<Option<Reason>>,
+    situation: Situation,
+    /// Something changed that who looks on is to know.
+    has_news: bool,
     /// How slots were before a reload took the cast away.
     before: HashMap<&'static str, Own>,
     recent: Recent,
@@ -141,9 +142,9 @@ pub struct Handler {
 impl Handler {
     /// Takes up what runs now; returns lines about whom that changes.
     pub fn adopt(&mut self, cast: Cast) -> Vec<Line> {
-        self.own = cast.hands.iter().map(|hand| own_of(hand, self.before.get(hand.slot.name).copied())).collect();
-        self.running = cast.hands.iter().map(|hand| hand.slot.status.state() == State::Active).collect();
-        self.held = vec![None; cast.hands.len()];
+        let own = cast.hands.iter().map(|hand| own_of(hand, self.before.get(hand.slot.name).copied())).collect();
+        let running = cast.hands.iter().map(|hand| hand.slot.status.state() == State::Active).collect();
+        self.situation = Situation::new(own, running);
         self.recent.forget();
         self.cast = Some(cast);
         self.settle()
@@ -152,7 +153,8 @@ impl Handler {
     /// Lets go of all that runs: it is about to change, or to end.
     pub fn withdraw(&mut self) {
         if let Some(cast) = self.cast.take() {
-            self.before = cast.hands.iter().zip(&self.own).map(|(hand, own)| (hand.slot.name, *own)).collect();
+            let hands = cast.hands.iter().enumerate();
+            self.before = hands.map(|(number, hand)| (hand.slot.name, self.situation.own(number))).collect();
         }
     }
 
@@ -181,18 +183,7 @@ impl Handler {
         if event.answer != Answer::Prepare {
             self.recent.remember(slot, event.fault.at_ns, root.unwrap_or(sequence));
         }
-        match event.outcome {
-            Outcome::Stopped => {
-                self.own[slot] = Own::Faulty(root.unwrap_or(sequence));
-                self.running[slot] = false;
-            }
-            // Its stop was lost on the way.
-            Outcome::Recovered if matches!(self.own[slot], Own::Faulty(_)) => {
-                (self.own[slot], self.running[slot]) = (Own::Wanted, true);
-            }
-            Outcome::Recovered | Outcome::Ignored | Outcome::Failed => return Vec::new(),
-        }
-        self.settle()
+        if self.situation.fault(slot, event.outcome, root.unwrap_or(sequence)) { self.settle() } else { Vec::new() }
     }
 
     /// Events were lost: the states of the slots tell what they said.
@@ -200,10 +191,10 @@ impl Handler {
         let Some(cast) = &self.cast else { return Vec::new() };
         for (number, hand) in cast.hands.iter().enumerate() {
             match hand.slot.status.state() {
-                State::Error if self.own[number] == Own::Wanted => {
-                    (self.own[number], self.running[number]) = (Own::Faulty(0), false);
+                State::Error if self.situation.own(number) == Own::Wanted => {
+                    self.situation.find(number, Own::Faulty(0), false);
                 }
-                State::Active => (self.own[number], self.running[number]) = (Own::Wanted, true),
+                State::Active => self.situation.find(number, Own::Wanted, true),
                 _ => {}
             }
         }
@@ -250,13 +241,10 @@ impl Handler {
             return Err(Refused::latched());
         }
         let state = cast.hands[number].slot.status.state();
-        self.own[number] = match (order.verb, self.own[number]) {
-            (Verb::Stop, own @ Own::Faulty(_)) => own,
-            (Verb::Stop, _) => Own::Off,
-            (Verb::Start, Own::Faulty(_)) => return Err(Refused::failed(&order.slot)),
-            (Verb::Reset, Own::Faulty(_)) | (Verb::Start, _) => Own::Wanted,
-            (Verb::Reset | Verb::Clear, _) => return Err(Refused::sound(&order.slot, state)),
-        };
+        self.situation.order(number, order.verb).map_err(|senseless| match senseless {
+            Senseless::Failed => Refused::failed(&order.slot),
+            Senseless::Sound => Refused::sound(&order.slot, state),
+        })?;
         let mut lines = vec![ordered(order)];
         lines.extend(self.settle());
         Ok((self.answer(number), lines))
@@ -270,20 +258,12 @@ impl Handler {
         let mut fields = Map::new();
         fields.insert("root".into(), self.emergency.take().into());
         let mut lines = vec![("clear", fields)];
-        let actuators = self.cast.iter().flat_map(|cast| cast.graph.nodes()).map(|node| node.is_actuator);
-        for (own, _) in self.own.iter_mut().zip(actuators).filter(|(_, is_actuator)| *is_actuator) {
-            if matches!(own, Own::Faulty(_)) {
-                *own = Own::Wanted;
-            }
-        }
+        self.cast.iter().for_each(|cast| self.situation.clear(&cast.graph));
         lines.extend(self.settle());
-        let slots: Vec<Value> =
-            (0..self.own.len()).filter(|number| self.is_actuator(*number)).map(|number| self.answer(number)).collect();
+        let nodes = self.cast.iter().flat_map(|cast| cast.graph.nodes()).enumerate();
+        let actuators = nodes.filter(|(_, node)| node.is_actuator).map(|(number, _)| number);
+        let slots: Vec<Value> = actuators.map(|number| self.answer(number)).collect();
         Ok((json!({"actuators": slots}), lines))
-    }
-
-    fn is_actuator(&self, number: Number) -> bool {
-        self.cast.as_ref().is_some_and(|cast| cast.graph.nodes()[number].is_actuator)
     }
 
     /// A slot, and why it does not run.
@@ -294,7 +274,7 @@ impl Handler {
     }
 
     fn reason(&self, cast: &Cast, number: Number) -> Option<String> {
-        match (self.held[number], self.own[number]) {
+        match (self.situation.held(number), self.situation.own(number)) {
             (Some(reason), _) => Some(reason.text(&cast.graph, number)),
             (None, Own::Faulty(0)) => Some("a fault stopped it".to_owned()),
             (None, Own::Faulty(root)) => Some(format!("fault {root} stopped it")),
@@ -304,30 +284,26 @@ impl Handler {
     }
 
     /// Why slots do not run.
-    pub fn publish(&self, reasons: &Reasons) {
-        let Some(cast) = &self.cast else { return };
+    pub fn publish(&mut self, reasons: &Reasons) {
+        let Some(cast) = self.cast.as_ref().filter(|_| self.has_news) else { return };
         let names = cast.hands.iter().enumerate();
         reasons
             .replace(names.filter_map(|(number, hand)| Some((hand.slot.name, self.reason(cast, number)?))).collect());
+        self.has_news = false;
     }
 
     /// Brings what runs to what is to run.
     fn settle(&mut self) -> Vec<Line> {
         let Some(cast) = self.cast.take() else { return Vec::new() };
-        let latch = emergency::latched().then_some(self.emergency);
-        if latch.is_some() {
-            // Their executors stop them by themselves, which is more than a stop.
-            let actuators = cast.graph.nodes().iter().map(|node| node.is_actuator);
-            self.running.iter_mut().zip(actuators).for_each(|(running, is_actuator)| *running &= !is_actuator);
-        }
-        let verdicts = diagnose(&cast.graph, &self.own, latch);
-        let moves = decide(&cast.graph, &self.running, &verdicts);
+        self.situation.latch(&cast.graph, emergency::latched(), self.emergency);
+        let (verdicts, moves) = self.situation.settle(&cast.graph);
         let began_ns = clock::now_ns();
         for (act, waves) in [(Move::Stop, &moves.stop), (Move::Raise, &moves.start)] {
             waves.iter().for_each(|wave| self.carry_out(&cast, act, wave));
         }
         let lines = self.tell(&cast, &verdicts, clock::now_ns() - began_ns);
         self.cast = Some(cast);
+        self.has_news = true;
         lines
     }
 
@@ -342,34 +318,28 @@ impl Handler {
                 tracing::error!("executor {name} does not answer: slots that it should {} wait for it", act.name());
                 Vec::new()
             });
+            if act == Move::Stop {
+                self.situation.stopped(batch);
+                continue;
+            }
             for (place, slot) in batch.slots.iter().enumerate() {
-                self.running[*slot] = act == Move::Raise;
-                // A start that failed: its fault is on its way.
-                if act == Move::Raise && states.get(place) == Some(&State::Error) {
-                    (self.own[*slot], self.running[*slot]) = (Own::Faulty(0), false);
-                }
+                self.situation.started(*slot, states.get(place) == Some(&State::Error));
             }
         }
     }
 
-    /// Lines about those who are held now, for another reason than before, or no longer.
+    /// Lines about those who are held now, or no longer.
     fn tell(&mut self, cast: &Cast, verdicts: &[Verdict], took_ns: u64) -> Vec<Line> {
         let mut lines = Vec::new();
-        for (number, verdict) in verdicts.iter().enumerate() {
-            let reason = if let Verdict::Held(reason) = verdict { Some(*reason) } else { None };
-            let before = std::mem::replace(&mut self.held[number], reason);
+        for (number, before, now) in self.situation.hold(verdicts) {
             let slot = &cast.hands[number].slot;
-            match (before, reason) {
-                (None, Some(reason)) => {
-                    let (text, root) = (reason.text(&cast.graph, number), reason.root);
-                    tracing::warn!("slot {}: stopped: {text}{}", slot.name, told(root));
-                    lines.push(line("held", slot, &text, root, took_ns));
-                }
-                (Some(reason), None) if *verdict == Verdict::Runs => {
-                    tracing::info!("slot {}: {} again", slot.name, slot.status.state().name());
-                    lines.push(line("returned", slot, &reason.text(&cast.graph, number), reason.root, took_ns));
-                }
-                _ => {}
+            if let Some(reason) = now {
+                let text = reason.text(&cast.graph, number);
+                tracing::warn!("slot {}: stopped: {text}{}", slot.name, told(reason.root));
+                lines.push(line("held", slot, &text, reason.root, took_ns));
+            } else if let Some(reason) = before.filter(|_| verdicts[number] == Verdict::Runs) {
+                tracing::info!("slot {}: {} again", slot.name, slot.status.state().name());
+                lines.push(line("returned", slot, &reason.text(&cast.graph, number), reason.root, took_ns));
             }
         }
         lines

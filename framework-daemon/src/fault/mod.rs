@@ -28,3 +28,6 @@ pub mod manager;
 
 /// What an operator orders.
 pub mod order;
+
+/// How all slots are, and what follows; pure.
+pub mod situation;

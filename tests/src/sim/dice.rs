@@ -4,17 +4,17 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A source of random numbers (splitmix64).
 #[derive(Debug)]
-pub(super) struct Dice(AtomicU64);
+pub(crate) struct Dice(AtomicU64);
 
 impl Dice {
     /// One that always gives the same for that seed.
     #[must_use]
-    pub(super) const fn new(seed: u64) -> Self {
+    pub(crate) const fn new(seed: u64) -> Self {
         Self(AtomicU64::new(seed))
     }
 
     /// Any number.
-    pub(super) fn any(&self) -> u64 {
+    pub(crate) fn any(&self) -> u64 {
         const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
         let mut mixed = self.0.fetch_add(STEP, Ordering::Relaxed).wrapping_add(STEP);
         mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -23,12 +23,12 @@ impl Dice {
     }
 
     /// A number below that one; 0 where nothing is below.
-    pub(super) fn below(&self, end: usize) -> usize {
+    pub(crate) fn below(&self, end: usize) -> usize {
         (self.any() % end.max(1) as u64) as usize
     }
 
     /// True once in that many times.
-    pub(super) fn once_in(&self, times: usize) -> bool {
+    pub(crate) fn once_in(&self, times: usize) -> bool {
         self.below(times) == 0
     }
 }

@@ -8,7 +8,7 @@
 //! callback gives its executor's thread up between any two operations, too: then other executors run.
 
 /// Random numbers that come again.
-mod dice;
+pub(crate) mod dice;
 
 /// What must be.
 mod model;

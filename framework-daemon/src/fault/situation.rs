@@ -1,0 +1,145 @@
+//! How all slots are, and what follows from what happens to one: the fault manager's memory. Pure: histories of it are played
+//! by the million against a naive model (`scripts/histories`).
+
+use super::decide::{Batch, Moves, decide};
+use super::diagnose::{Own, Reason, Verdict, diagnose};
+use super::graph::{Graph, Number};
+use super::order::Verb;
+use crate::model::fault::Outcome;
+
+/// How all slots of a graph are.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Situation {
+    own: Vec<Own>,
+    running: Vec<bool>,
+    held: Vec<Option<Reason>>,
+    /// The emergency stop is latched, for the fault of that number where it is known.
+    emergency: Option<Option<u64>>,
+}
+
+/// An order makes no sense as the slot is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Senseless {
+    /// A fault stopped it: it is reset, not started.
+    Failed,
+    /// No fault stopped it: there is nothing to reset.
+    Sound,
+}
+
+/// Who is held now, or no longer: the reason before, and now.
+pub type Change = (Number, Option<Reason>, Option<Reason>);
+
+impl Situation {
+    /// Slots that are like this by themselves, of which these run.
+    #[must_use]
+    pub fn new(own: Vec<Own>, running: Vec<bool>) -> Self {
+        let held = vec![None; own.len()];
+        Self { own, running, held, emergency: None }
+    }
+
+    /// How a slot is by itself.
+    #[must_use]
+    pub fn own(&self, slot: Number) -> Own {
+        self.own.get(slot).copied().unwrap_or(Own::Off)
+    }
+
+    /// True while a slot runs, or is in the middle of a recovery.
+    #[must_use]
+    pub fn runs(&self, slot: Number) -> bool {
+        self.running.get(slot) == Some(&true)
+    }
+
+    /// Why a slot is held; `None`: it is not.
+    #[must_use]
+    pub fn held(&self, slot: Number) -> Option<Reason> {
+        self.held.get(slot).copied().flatten()
+    }
+
+    /// A fault of a slot was answered like this; `root`: its sequence number, or that of the fault that it is a consequence
+    /// of. False: nothing follows for others.
+    #[must_use]
+    pub fn fault(&mut self, slot: Number, outcome: Outcome, root: u64) -> bool {
+        match outcome {
+            Outcome::Stopped => self.find(slot, Own::Faulty(root), false),
+            // Its stop was taken note of before, or lost on the way.
+            Outcome::Recovered if matches!(self.own[slot], Own::Faulty(_)) => self.find(slot, Own::Wanted, true),
+            Outcome::Recovered | Outcome::Ignored | Outcome::Failed => return false,
+        }
+        true
+    }
+
+    /// A slot was found like this.
+    pub fn find(&mut self, slot: Number, own: Own, runs: bool) {
+        (self.own[slot], self.running[slot]) = (own, runs);
+    }
+
+    /// An operator wants that of a slot.
+    ///
+    /// # Errors
+    /// When it makes no sense.
+    pub fn order(&mut self, slot: Number, verb: Verb) -> Result<(), Senseless> {
+        self.own[slot] = match (verb, self.own[slot]) {
+            (Verb::Stop, own @ Own::Faulty(_)) => own,
+            (Verb::Stop, _) => Own::Off,
+            (Verb::Start, Own::Faulty(_)) => return Err(Senseless::Failed),
+            (Verb::Reset, Own::Faulty(_)) | (Verb::Start, _) => Own::Wanted,
+            (Verb::Reset | Verb::Clear, _) => return Err(Senseless::Sound),
+        };
+        Ok(())
+    }
+
+    /// The emergency stop is latched, for the fault of that number where it is known; or it is not.
+    pub fn latch(&mut self, graph: &Graph, latched: bool, root: Option<u64>) {
+        self.emergency = latched.then_some(root);
+        if latched {
+            // Their executors stop them by themselves, which is more than a stop.
+            let actuators = graph.nodes().iter().map(|node| node.is_actuator);
+            self.running.iter_mut().zip(actuators).for_each(|(running, is_actuator)| *running &= !is_actuator);
+        }
+    }
+
+    /// The operator took the emergency stop back: what a fault stopped of the actuators is to run again, too.
+    pub fn clear(&mut self, graph: &Graph) {
+        self.emergency = None;
+        for (own, node) in self.own.iter_mut().zip(graph.nodes()) {
+            if node.is_actuator && matches!(own, Own::Faulty(_)) {
+                *own = Own::Wanted;
+            }
+        }
+    }
+
+    /// What is to be done now.
+    #[must_use]
+    pub fn settle(&self, graph: &Graph) -> (Vec<Verdict>, Moves) {
+        let verdicts = diagnose(graph, &self.own, self.emergency);
+        let moves = decide(graph, &self.running, &verdicts);
+        (verdicts, moves)
+    }
+
+    /// A batch was stopped.
+    pub fn stopped(&mut self, batch: &Batch) {
+        batch.slots.iter().for_each(|slot| self.running[*slot] = false);
+    }
+
+    /// A slot of a batch was started; or it failed, and its fault is on its way.
+    pub fn started(&mut self, slot: Number, failed: bool) {
+        self.running[slot] = !failed;
+        if failed {
+            self.own[slot] = Own::Faulty(0);
+        }
+    }
+
+    /// Takes note of who is held now; returns what changed.
+    #[must_use]
+    pub fn hold(&mut self, verdicts: &[Verdict]) -> Vec<Change> {
+        let mut changes = Vec::new();
+        for (slot, verdict) in verdicts.iter().enumerate() {
+            let reason = if let Verdict::Held(reason) = verdict { Some(*reason) } else { None };
+            let before = std::mem::replace(&mut self.held[slot], reason);
+            if before.is_some() != reason.is_some() {
+                changes.push((slot, before, reason));
+            }
+        }
+        changes
+    }
+}

@@ -1,0 +1,355 @@
+//! One history of a small system: faults, orders, lost events and starts that fail, each judged when it is settled.
+
+use framework_daemon::fault::decide::Wave;
+use framework_daemon::fault::diagnose::{Own, Recent};
+use framework_daemon::fault::graph::Graph;
+use framework_daemon::fault::order::Verb;
+use framework_daemon::fault::situation::Situation;
+use framework_daemon::model::fault::Outcome;
+use framework_daemon::model::ladder::{Answer, Ladder};
+use framework_daemon::model::symptom::Symptom;
+use framework_daemon::profile::plan::Coverage;
+
+use super::Counts;
+use super::drawn::{Drawn, SYMPTOMS};
+use super::naive::{self, Past};
+use crate::sim::dice::Dice;
+
+/// What happened, for whoever looks for the mistake.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Event {
+    Fault(usize, Symptom, Outcome),
+    Lost(usize),
+    Order(Verb, usize, bool),
+    Latched,
+    Stopped(usize),
+    Started(usize),
+    Failed(usize),
+}
+
+/// A system in the middle of its history.
+pub(super) struct Life {
+    dice: Dice,
+    drawn: Drawn,
+    graph: Graph,
+    situation: Situation,
+    recent: Recent,
+    ladders: Vec<Ladder>,
+    /// As the naive model has it.
+    own: Vec<naive::Own>,
+    running: Vec<bool>,
+    latched: Option<u64>,
+    past: Vec<Past>,
+    resets: Vec<Vec<u64>>,
+    now_ns: u64,
+    sequence: u64,
+    events: Vec<Event>,
+    pub(super) counts: Counts,
+}
+
+impl PartialEq for Life {
+    fn eq(&self, other: &Self) -> bool {
+        let parts = |life: &Self| (life.graph.nodes().to_vec(), life.graph.order().to_vec());
+        (&self.events, &self.situation) == (&other.events, &other.situation) && parts(self) == parts(other)
+    }
+}
+
+impl Life {
+    /// A whole history.
+    pub(super) fn lived(seed: u64) -> Result<Self, String> {
+        let dice = Dice::new(seed);
+        let mut life = Self::born(dice);
+        let told = |life: &Self, wrong: String| format!("{wrong}\n{:?}\n{:#?}", life.events, life.graph.nodes());
+        life.settle().map_err(|wrong| told(&life, wrong))?;
+        for _ in 0..life.dice.below(40) {
+            life.step().map_err(|wrong| told(&life, wrong))?;
+        }
+        Ok(life)
+    }
+
+    fn born(dice: Dice) -> Self {
+        let drawn = Drawn::by(&dice);
+        let own: Vec<naive::Own> =
+            drawn.slots.iter().map(|slot| if slot.autostart { naive::Own::Wanted } else { naive::Own::Off }).collect();
+        let real = own.iter().map(|own| if *own == naive::Own::Wanted { Own::Wanted } else { Own::Off }).collect();
+        let count = own.len();
+        Self {
+            graph: drawn.graph(),
+            situation: Situation::new(real, vec![false; count]),
+            recent: Recent::default(),
+            ladders: drawn.ladders(),
+            own,
+            running: vec![false; count],
+            latched: None,
+            past: Vec::new(),
+            resets: vec![Vec::new(); count],
+            now_ns: 1_000_000_000,
+            sequence: 0,
+            events: Vec::new(),
+            counts: Counts::new(),
+            drawn,
+            dice,
+        }
+    }
+
+    fn count(&mut self, what: &'static str) {
+        *self.counts.entry(what).or_default() += 1;
+    }
+
+    fn step(&mut self) -> Result<(), String> {
+        self.now_ns += self.dice.below(400_000_000) as u64;
+        let slot = self.dice.below(self.own.len());
+        match self.dice.below(10) {
+            0..5 if self.running[slot] => self.fault(slot),
+            0..5 => Ok(()),
+            5 if self.latched.is_some() => self.clear(),
+            5 if self.running[slot] => self.lose(slot),
+            _ => self.order(slot),
+        }
+    }
+
+    /// A slot that runs fails, and its executor answers by its rules; recoveries fail by lot.
+    fn fault(&mut self, slot: usize) -> Result<(), String> {
+        let symptom = SYMPTOMS[self.dice.below(SYMPTOMS.len())];
+        let mut answer = self.ladders[slot].answer(symptom, self.now_ns);
+        if answer == Answer::Ignore && symptom.loses_instance() {
+            answer = Answer::Stop;
+        }
+        if answer == Answer::Emergency {
+            self.latch();
+        }
+        for _ in 0..self.drawn.slots[slot].secondaries + 2 {
+            let outcome = match answer {
+                Answer::Ignore => Outcome::Ignored,
+                Answer::Stop | Answer::Emergency | Answer::Prepare => return self.fault_stop(slot, symptom, answer),
+                Answer::Reset | Answer::Replace => {
+                    self.judge_intensity(slot, answer)?;
+                    if self.dice.once_in(4) { Outcome::Failed } else { Outcome::Recovered }
+                }
+            };
+            self.tell(slot, symptom, outcome)?;
+            if outcome != Outcome::Failed {
+                return Ok(());
+            }
+            answer = self.ladders[slot].further();
+        }
+        Err(format!("the fault of slot {slot} has no outcome"))
+    }
+
+    /// Never more resets in the window than the rules allow.
+    fn judge_intensity(&mut self, slot: usize, answer: Answer) -> Result<(), String> {
+        if answer == Answer::Replace {
+            self.count("replacements");
+            self.resets[slot].clear();
+            return Ok(());
+        }
+        self.count("resets");
+        self.resets[slot].push(self.now_ns);
+        let rules = &self.drawn.slots[slot];
+        let from_ns = self.now_ns.saturating_sub(rules.within.as_nanos() as u64);
+        let recent = self.resets[slot].iter().filter(|at| **at >= from_ns).count();
+        if recent > rules.limit as usize {
+            return Err(format!("slot {slot} was reset {recent} times of at most {}", rules.limit));
+        }
+        Ok(())
+    }
+
+    fn fault_stop(&mut self, slot: usize, symptom: Symptom, answer: Answer) -> Result<(), String> {
+        if answer != Answer::Emergency && self.drawn.slots[slot].coverage == Coverage::System {
+            self.latch();
+        }
+        self.running[slot] = false;
+        self.tell(slot, symptom, Outcome::Stopped)
+    }
+
+    /// Every actuator is told at once, by its executor.
+    fn latch(&mut self) {
+        self.count("emergencies");
+        self.events.push(Event::Latched);
+        for (number, slot) in self.drawn.slots.iter().enumerate() {
+            self.running[number] &= !slot.is_actuator;
+        }
+        self.latched.get_or_insert(self.sequence + 1);
+    }
+
+    /// The fault manager learns of it.
+    fn tell(&mut self, slot: usize, symptom: Symptom, outcome: Outcome) -> Result<(), String> {
+        self.sequence += 1;
+        self.events.push(Event::Fault(slot, symptom, outcome));
+        let root = self.recent.root_of(&self.graph, slot, self.now_ns);
+        let wanted = naive::root_of(&self.drawn, &self.past, slot, self.now_ns);
+        if root != wanted {
+            return Err(format!("the fault of slot {slot} is told to be a consequence of {root:?}, not of {wanted:?}"));
+        }
+        self.count(if root.is_some() { "consequences" } else { "roots" });
+        let root = root.unwrap_or(self.sequence);
+        self.recent.remember(slot, self.now_ns, root);
+        self.past.push(Past { slot, at_ns: self.now_ns, root });
+        if outcome == Outcome::Stopped {
+            self.own[slot] = naive::Own::Failed(root);
+        }
+        let follows = self.situation.fault(slot, outcome, root);
+        if follows || outcome == Outcome::Stopped { self.settle() } else { self.judge() }
+    }
+
+    /// A slot stops for a fault whose event is lost; the fault manager looks around.
+    fn lose(&mut self, slot: usize) -> Result<(), String> {
+        self.events.push(Event::Lost(slot));
+        self.count("lost events");
+        self.running[slot] = false;
+        self.own[slot] = naive::Own::Failed(0);
+        if self.situation.own(slot) == Own::Wanted {
+            self.situation.find(slot, Own::Faulty(0), false);
+        }
+        self.settle()
+    }
+
+    fn order(&mut self, slot: usize) -> Result<(), String> {
+        let verb = [Verb::Start, Verb::Stop, Verb::Reset, Verb::Reset][self.dice.below(4)];
+        if verb != Verb::Stop && self.latched.is_some() {
+            return Ok(());
+        }
+        let (before, taken) = (self.own[slot], self.situation.order(slot, verb).is_ok());
+        let has_failed = matches!(before, naive::Own::Failed(_));
+        self.events.push(Event::Order(verb, slot, taken));
+        let makes_sense = match verb {
+            Verb::Start => !has_failed,
+            Verb::Reset => has_failed,
+            Verb::Stop | Verb::Clear => true,
+        };
+        if taken != makes_sense {
+            return Err(format!("{verb:?} of slot {slot}, which is {before:?}, was taken: {taken}"));
+        }
+        self.own[slot] = match verb {
+            Verb::Start | Verb::Reset if taken => naive::Own::Wanted,
+            Verb::Stop if !has_failed => naive::Own::Off,
+            _ => before,
+        };
+        self.count("orders");
+        self.settle()
+    }
+
+    fn clear(&mut self) -> Result<(), String> {
+        self.count("clears");
+        self.events.push(Event::Order(Verb::Clear, 0, true));
+        self.latched = None;
+        self.situation.clear(&self.graph);
+        for (own, slot) in self.own.iter_mut().zip(&self.drawn.slots) {
+            if slot.is_actuator && matches!(own, naive::Own::Failed(_)) {
+                *own = naive::Own::Wanted;
+            }
+        }
+        self.settle()
+    }
+
+    /// Carries out what is decided, until nothing is left to do; then all must be as it must be.
+    fn settle(&mut self) -> Result<(), String> {
+        for _ in 0..=self.own.len() {
+            self.situation.latch(&self.graph, self.latched.is_some(), self.latched);
+            let (verdicts, moves) = self.situation.settle(&self.graph);
+            if self.situation.settle(&self.graph) != (verdicts.clone(), moves.clone()) {
+                return Err("equal input gave another output".to_owned());
+            }
+            let mut failed = Vec::new();
+            // What is done at the same time may come in any order.
+            for wave in moves.stop {
+                self.stop(&self.in_any_order(wave))?;
+            }
+            for wave in moves.start {
+                self.start(&self.in_any_order(wave), &mut failed)?;
+            }
+            let _ = self.situation.hold(&verdicts);
+            if failed.is_empty() {
+                return self.judge();
+            }
+            for slot in failed {
+                self.sequence += 1;
+                self.own[slot] = naive::Own::Failed(self.sequence);
+                let _ = self.situation.fault(slot, Outcome::Stopped, self.sequence);
+            }
+        }
+        Err("it does not settle".to_owned())
+    }
+
+    fn in_any_order(&self, mut wave: Wave) -> Wave {
+        let first = self.dice.below(wave.len());
+        wave.rotate_left(first);
+        if self.dice.once_in(2) {
+            wave.reverse();
+        }
+        wave
+    }
+
+    /// Dependents first: nobody who runs loses what it needs by a stop.
+    fn stop(&mut self, wave: &Wave) -> Result<(), String> {
+        for batch in wave {
+            for slot in &batch.slots {
+                if self.drawn.slots[*slot].executor != batch.executor || !self.running[*slot] {
+                    return Err(format!("slot {slot} is stopped where it does not run"));
+                }
+                let had = |life: &Self| -> Vec<bool> {
+                    (0..life.own.len())
+                        .map(|other| life.running[other] && !naive::lacks(&life.drawn, &life.running, other))
+                        .collect()
+                };
+                let before = had(self);
+                self.running[*slot] = false;
+                let after = had(self);
+                if let Some(other) = (0..before.len()).find(|other| other != slot && before[*other] && !after[*other]) {
+                    return Err(format!("slot {slot} is stopped before slot {other}, which needs it"));
+                }
+                self.events.push(Event::Stopped(*slot));
+                self.count("stops");
+            }
+            self.situation.stopped(batch);
+        }
+        Ok(())
+    }
+
+    /// Needed ones first: nobody starts without what it needs, but for what failed to start just now.
+    fn start(&mut self, wave: &Wave, failed: &mut Vec<usize>) -> Result<(), String> {
+        for batch in wave {
+            for slot in &batch.slots {
+                if self.running[*slot] || matches!(self.own[*slot], naive::Own::Failed(_)) {
+                    return Err(format!("slot {slot} is started where it runs, or has failed"));
+                }
+                if failed.is_empty() && naive::lacks(&self.drawn, &self.running, *slot) {
+                    return Err(format!("slot {slot} is started before what it needs"));
+                }
+                let fails = self.dice.once_in(12);
+                self.running[*slot] = !fails;
+                self.situation.started(*slot, fails);
+                self.events.push(if fails { Event::Failed(*slot) } else { Event::Started(*slot) });
+                self.count(if fails { "starts that failed" } else { "starts" });
+                failed.extend(fails.then_some(*slot));
+            }
+        }
+        Ok(())
+    }
+
+    /// Never a stopped one that could run, never a running one that could not, no actuator in an emergency; and whoever is
+    /// held has a reason that exists.
+    fn judge(&mut self) -> Result<(), String> {
+        let wanted = naive::runs(&self.drawn, &self.own, self.latched.is_some());
+        for (slot, wanted) in wanted.into_iter().enumerate() {
+            if self.running[slot] != wanted || self.situation.runs(slot) != wanted {
+                return Err(format!("slot {slot} runs: {}, must: {}", self.running[slot], wanted));
+            }
+            let is_held = self.own[slot] == naive::Own::Wanted && !wanted;
+            let reason = self.situation.held(slot);
+            if reason.is_some() != is_held {
+                return Err(format!("slot {slot} is held: {is_held}, but told: {reason:?}"));
+            }
+            if let Some(root) = reason.and_then(|reason| reason.root) {
+                let exists = self.own.contains(&naive::Own::Failed(root)) || self.latched == Some(root);
+                if !exists {
+                    return Err(format!("slot {slot} is held for fault {root}, which nobody has"));
+                }
+            }
+            if is_held {
+                self.count("held");
+            }
+        }
+        Ok(())
+    }
+}

@@ -71,6 +71,18 @@ fn same<T: PartialEq + std::fmt::Display + ?Sized>(what: &str, daemon: &T, plugi
     ))
 }
 
+/// Where two layouts differ, in a line, of a report that shows every type on the way there: the first error of the innermost
+/// type that has one.
+#[must_use]
+pub fn difference(report: &str) -> String {
+    let Some((before, after)) = report.split_once("\nError:") else { return "nobody says where".to_owned() };
+    let innermost = before.rsplit_once("Layout of expected type:").map_or(before, |(_, innermost)| innermost);
+    let name = innermost.lines().find_map(|line| line.trim().strip_prefix("type:")).unwrap_or("a type").trim();
+    let words = after.split("\nError:").next().unwrap_or(after).lines().take_while(|line| !line.contains("error(s)"));
+    let words: Vec<&str> = words.flat_map(str::split_whitespace).collect();
+    format!("{name}: {}", words.join(" "))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -116,5 +128,14 @@ mod tests {
         for view in broken {
             assert!(check_fixed(&view).and_then(|()| check_rest(&view)).is_err(), "{view:?}");
         }
+    }
+
+    #[test]
+    fn a_report_of_many_pages_comes_down_to_a_line() {
+        let report = "Compared <this>:\n --- Type Layout ---\n type:PluginModule\n0 error(s).\n\nLayout of expected type:\n  type:CallArgs<'a>\n\
+            0 error(s)inside:\nLayout of expected type:\n    --- Type Layout ---\n    type:Hook\n    size:1\n\n\nError:too many variants\n\
+            Expected:\n    13\nFound:\n    12\n";
+        assert_eq!(difference(report), "Hook: too many variants Expected: 13 Found: 12");
+        assert_eq!(difference("who knows"), "nobody says where");
     }
 }

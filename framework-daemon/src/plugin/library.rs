@@ -209,7 +209,8 @@ fn root_module(header: &'static PluginHeader) -> Result<PluginModuleRef, String>
     let (ours, theirs) = (<PluginModuleRef as StableAbi>::LAYOUT, (header.layout)());
     abi_stable::abi_stability::abi_checking::check_layout_compatibility(ours, theirs).map_err(|errors| {
         let version = env!("CARGO_PKG_VERSION");
-        format!("its binary layout differs from the daemon's: build it against component-sdk {version}\n{errors}")
+        let difference = compat::difference(&errors.to_string());
+        format!("its binary layout differs from the daemon's ({difference}): build it against component-sdk {version}")
     })?;
     Ok((header.root)())
 }

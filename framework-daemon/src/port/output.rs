@@ -105,7 +105,7 @@ fn own_way(checks: &Checks, outlet: &Outlet) -> Way {
     }
 }
 
-/// Tables kept for the next edit, so that none allocates.
+/// Tables kept for the next edit, so that none allocates: as many as are looked at while one is made, as a rule.
 const BLANKS: usize = 4;
 
 /// An output port of a slot.
@@ -140,6 +140,8 @@ impl OutPort {
         blocks.grow_to(SPARE_BLOCKS);
         let table = Exchange::new(Table { way: own_way(&checks, &outlet), ..Table::default() });
         let (aside, blanks) = (Mutex::new(Pool::new(object, Lost::Never)), ArrayQueue::new(BLANKS));
+        // There is room for each.
+        (0..BLANKS).for_each(|_| _ = blanks.push(Vec::with_capacity(SPARE_LINKS)));
         let (name, outlet, charges) = (name.to_owned(), Arc::new(outlet), OnceLock::new());
         Self { name, object, checks, outlet, charges, table, blanks, blocks, aside }
     }
@@ -152,7 +154,9 @@ impl OutPort {
     pub fn change(&self, change: impl FnOnce(&mut Vec<Link>)) -> Result<(), Busy> {
         let mut links = self.blanks.pop().unwrap_or_default();
         let make = |now: &Table| {
-            links.reserve(now.links.len() + SPARE_LINKS);
+            if links.capacity() <= now.links.len() {
+                links.reserve(now.links.len() + SPARE_LINKS);
+            }
             links.extend_from_slice(&now.links);
             change(&mut links);
             self.furnish(std::mem::take(&mut links), now.taps.clone())

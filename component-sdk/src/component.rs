@@ -51,7 +51,7 @@ macro_rules! fault {
 /// The fault that led to a call of `on_error` or `recover`.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultInfo<'a> {
-    /// Symptom, as in the journal: `crash.segv`, `error`, ...
+    /// Symptom, as in the journal: `crash.segv`, `error`, ...; or `restart`: the daemon itself was started again.
     pub symptom: &'a str,
     /// The slot that was blamed.
     pub slot: &'a str,
@@ -148,7 +148,8 @@ pub trait Callbacks: Component {
         Ok(())
     }
 
-    /// This instance succeeds one that failed; comes between `initialize` and `start`.
+    /// This instance succeeds one that failed; comes between `initialize` and `start`. It may be one of a daemon that was
+    /// started again: then it goes on from the checkpoint that the daemon before left.
     fn recover(&mut self, cx: &mut Context<'_>, fault: &FaultInfo<'_>) -> Outcome {
         Ok(())
     }

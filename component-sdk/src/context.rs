@@ -127,7 +127,8 @@ impl<'a> Context<'a> {
     /// `critical(void*, int)`), best in `initialize`. Fields are registered by `#[critical]`.
     ///
     /// With a `<checkpoint>` in the profile the region is copied between callbacks, and put back under the same name
-    /// into the instance that succeeds this one: plain data only, no pointers.
+    /// into the instance that succeeds this one: plain data only, no pointers. That one may live in another process, when the
+    /// daemon was killed and started again; a field or region that holds an address would lead nowhere there.
     pub fn critical(&self, name: &str, region: &'static mut [u8]) {
         (self.host.critical)(RStr::from_str(name), region.as_mut_ptr(), region.len());
     }

@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 use crate::control::socket::Socket;
 use crate::control::{Control, ReloadOrder, Reloaded, views};
 use crate::exec::emergency;
+use crate::exec::keep::Keep;
 use crate::fault::journal::Journal;
 use crate::fault::manager::{self, Manager, SharedJournal};
 use crate::model::fault::RestartRequest;
@@ -53,6 +54,10 @@ pub struct Settings {
     pub journal: PathBuf,
     /// Where the control socket is; `None`: at the usual place, if it can be had.
     pub socket: Option<PathBuf>,
+    /// Where checkpoints lie, so that they outlive the daemon.
+    pub checkpoints: PathBuf,
+    /// What the run before left is forgotten.
+    pub fresh: bool,
     /// Faults to provoke.
     pub injections: Vec<Injection>,
 }
@@ -140,7 +145,9 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
             return Err(RunError::Failed(vec![reason]));
         }
     };
-    let risen = rise::rise(Arc::new(loaded.plan), settings.plugins.clone(), faults, &requests)?;
+    let keep = open_keep(settings);
+    let plan = Arc::new(loaded.plan);
+    let risen = rise::rise(plan, settings.plugins.clone(), faults, keep.clone(), &requests)?;
     let (system, reload) = match risen {
         Risen::Up { system, reload } => (*system, reload),
         Risen::Failed(error) => {
@@ -153,14 +160,19 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
             return Ok(Ending::Stopped);
         }
     };
-    let fields = json!({"accepted": true, "directory": settings.directory, "slots": system.slots.len()});
+    let mut fields = json!({"accepted": true, "directory": settings.directory, "slots": system.slots.len()});
+    let warm = keep.iter().flat_map(|keep| keep.taken_up());
+    let warm: Vec<_> = warm.map(|each| json!({"slot": each.slot, "checkpoint": each.age_ns})).collect();
+    if !warm.is_empty() {
+        fields["taken_up"] = warm.into();
+    }
     note(&journal, "start", &fields);
     manager.adopt(boot::cast(&system.plan, &system.slots));
     control.publish(&system);
     // Nobody may be listening any more; the robot runs all the same.
     let _ = announce(&system, out);
     let pending = drill::sorted(&settings.injections);
-    let mut daemon = Daemon { settings, system, journal, manager, control, began: Instant::now(), pending };
+    let mut daemon = Daemon { settings, system, journal, manager, control, keep, began: Instant::now(), pending };
     if reload {
         let _ = daemon.reload();
     }
@@ -176,6 +188,13 @@ fn open_journal(settings: &Settings) -> Result<SharedJournal, RunError> {
         tracing::warn!("{told}");
     }
     Ok(Arc::new(Mutex::new(journal)))
+}
+
+/// The file of checkpoints; where it cannot be had the robot runs all the same.
+fn open_keep(settings: &Settings) -> Option<Arc<Keep>> {
+    let keep = Keep::open(&settings.checkpoints, &settings.directory, settings.fresh);
+    let path = settings.checkpoints.display();
+    keep.map_err(|error| tracing::warn!("checkpoints {path}: {error}; they do not outlive the daemon")).ok()
 }
 
 /// The control socket: where it was asked for it must be had, at the usual place it may be another daemon's.
@@ -229,6 +248,7 @@ struct Daemon<'a> {
     journal: SharedJournal,
     manager: Manager,
     control: Control,
+    keep: Option<Arc<Keep>>,
     began: Instant,
     pending: Vec<Injection>,
 }
@@ -274,7 +294,7 @@ impl Daemon<'_> {
             tracing::error!("{reason}: the daemon ends in order and asks its supervisor for a restart");
             note(&self.journal, "restart", &json!({"reason": reason}));
         }
-        self.stop();
+        self.stop(&ending);
         ending
     }
 
@@ -350,16 +370,20 @@ impl Daemon<'_> {
         note(&self.journal, "status", &json!({"slots": slots, "process": process}));
     }
 
-    fn stop(self) {
+    fn stop(self, ending: &Ending) {
         // Whoever asks from now on finds nobody, not a system that is half gone.
         drop(self.control);
         self.manager.withdraw();
-        let ending = self.system.slots.iter().map(|placed| &placed.slot);
-        let ending: Vec<_> = ending.map(|slot| (Arc::clone(slot), slot.status.state())).collect();
+        let slots = self.system.slots.iter().map(|placed| &placed.slot);
+        let slots: Vec<_> = slots.map(|slot| (Arc::clone(slot), slot.status.state())).collect();
         shutdown(self.system);
         let ledger = self.manager.finish(SHUTDOWN_STEP);
         // Counters with what the way out added, states as they were before it.
-        let slots: Vec<Value> = ending.iter().map(|(slot, state)| views::of_slot(slot, *state)).collect();
+        let slots: Vec<Value> = slots.iter().map(|(slot, state)| views::of_slot(slot, *state)).collect();
+        // Asked for a restart, the next run goes on from what this one leaves.
+        if *ending == Ending::Stopped {
+            self.keep.iter().for_each(|keep| keep.forget());
+        }
         note(&self.journal, "stop", &json!({"slots": slots, "process": views::of_process(ledger)}));
         if ledger.tainted > 0 {
             tracing::warn!("memory was suspect after {} faults of this run", ledger.tainted);

@@ -29,7 +29,7 @@ const COLUMNS: [&str; 9] =
     ["slot", "state", "class", "application", "trigger", "executor", "cycles", "faults", "slots"];
 
 /// What is shown of one slot, in order.
-const FIELDS: [&str; 26] = [
+const FIELDS: [&str; 29] = [
     "slot",
     "application",
     "state",
@@ -53,6 +53,9 @@ const FIELDS: [&str; 26] = [
     "spares_wanted",
     "checkpoint_ns",
     "recovery_within_ns",
+    "recovery_last_ns",
+    "recovery_worst_ns",
+    "recoveries_late",
     "severity",
     "reset",
     "declared",

@@ -9,6 +9,7 @@ use component_sdk::abi::inject::{self, INJECTIONS};
 
 use super::exit_code::Exit;
 use crate::daemon::{self, Ending, Injection, RunError, Settings};
+use crate::exec::keep;
 use crate::model::limits::SHUTDOWN_STEP;
 use crate::plugin::probe;
 use crate::sys::log_ring::{self, Lines};
@@ -20,6 +21,8 @@ const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --
      SIGHUP reloads the profiles, all or nothing. SIGTERM and SIGINT end in order; a second one leaves at once.\n\
      SIGUSR1 writes the status of all slots into log and journal; `status`, `fault follow`, `reload` and others ask by the \
      control socket. Where the usual place for it is not to be had it runs without; one named by --socket must be had.\n\
+     After a crash, a kill or a restart for suspect memory, slots with a `<checkpoint>` go on from the one that lies beside the \
+     journal, unless --fresh is given or the plugin is another build. After an end in order all begin anew.\n\
      When all slots run, a line that begins with `ready` is printed.";
 
 /// Long enough for the log's thread to write what it has; short enough for motors that turn meanwhile.
@@ -39,6 +42,13 @@ pub struct Arguments {
     /// [default: $XDG_STATE_HOME/framework-daemon/journal.jsonl].
     #[arg(long, value_name = "FILE")]
     pub journal: Option<PathBuf>,
+    /// Forget the checkpoints that the run before left: a run goes on from them where the one before did not end in order.
+    #[arg(long)]
+    pub fresh: bool,
+    /// Where checkpoints lie, so that they outlive the daemon; on a tmpfs nothing ever waits for a disk
+    /// [default: the journal's name with `.checkpoints` behind it].
+    #[arg(long, value_name = "FILE")]
+    pub checkpoints: Option<PathBuf>,
     /// Control socket for `status` and the other verbs that ask a running daemon; without this option the usual place, if
     /// it can be had [default: $XDG_RUNTIME_DIR/framework-daemon/control.sock, else /run/framework-daemon/control.sock].
     #[arg(long, value_name = "PATH")]
@@ -57,9 +67,10 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> io::Result<Exit> {
     if let Ok(own) = std::env::current_exe() {
         probe::enable(own);
     }
-    let Arguments { directory, plugins, journal, socket, inject } = arguments;
+    let Arguments { directory, plugins, journal, fresh, checkpoints, socket, inject } = arguments;
     let journal = journal.unwrap_or_else(default_journal);
-    let settings = Settings { directory, plugins, journal, socket, injections: inject };
+    let checkpoints = checkpoints.unwrap_or_else(|| keep::beside(&journal));
+    let settings = Settings { directory, plugins, journal, socket, checkpoints, fresh, injections: inject };
     abort_on_panic();
     let result = daemon::run(&settings, out);
     log_ring::flush(SHUTDOWN_STEP);

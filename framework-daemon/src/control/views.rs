@@ -126,6 +126,12 @@ pub fn component_details(directory: &Directory, entry: &Entry, outlook: &Outlook
     for (name, value) in more.into_iter().filter_map(|fields| fields.as_object().cloned()).flatten() {
         fields[name] = value;
     }
+    let recovery = &entry.slot.status.recovery;
+    if recovery.last_ns.load(Ordering::Relaxed) > 0 {
+        fields["recovery_last_ns"] = recovery.last_ns.load(Ordering::Relaxed).into();
+        fields["recovery_worst_ns"] = recovery.worst_ns.load(Ordering::Relaxed).into();
+    }
+    fields["recoveries_late"] = recovery.late.load(Ordering::Relaxed).into();
     fields["tasks"] = entry.slot.tasks.all().iter().map(|each| task(each)).collect::<Vec<_>>().into();
     fields["ports"] = ports(entry, &directory.wires()).into();
     fields

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crossbeam_channel::{Receiver, bounded, select};
 
+use crate::exec::keep::Keep;
 use crate::model::fault::FaultSender;
 use crate::model::limits::SHUTDOWN_STEP;
 use crate::profile::plan::Plan;
@@ -37,6 +38,7 @@ pub(super) fn rise(
     plan: Arc<Plan>,
     plugins: Vec<PathBuf>,
     faults: FaultSender,
+    keep: Option<Arc<Keep>>,
     requests: &Receiver<Request>,
 ) -> std::io::Result<Risen> {
     let (sender, result) = bounded(1);
@@ -44,7 +46,7 @@ pub(super) fn rise(
     let asked = Arc::clone(&given_up);
     thread::spawn("boot", move || {
         // Nobody waits for what comes too late.
-        let _ = sender.send(boot::boot_unless(&asked, plan, &plugins, faults));
+        let _ = sender.send(boot::boot_unless(&asked, plan, &plugins, faults, keep));
     })?;
     let mut reload = false;
     loop {

@@ -87,6 +87,8 @@ pub struct Member {
     pub shelf: Arc<Shelf>,
     /// The rules.
     pub ladder: Ladder,
+    /// In how many nanoseconds it is to recover.
+    pub recovery_within_ns: Option<u64>,
     /// Secondaries, in the ladder's order.
     pub standbys: Vec<Standby>,
     /// The instance; none after a fault-stop that lost it.
@@ -150,6 +152,7 @@ impl Member {
                 self.keep_side_report();
             }
         }
+        self.furnish_checkpoint();
         self.shelf.order();
         Ok(())
     }
@@ -182,8 +185,12 @@ impl Member {
             return;
         }
         service::set_blocking(&self.slot, true);
-        match self.enter_start(crew) {
-            Ok(()) => self.answer_side_report(crew),
+        match self.start_instance(crew) {
+            Ok(()) => {
+                // What it registered by now is known before it is copied.
+                self.furnish_checkpoint();
+                self.answer_side_report(crew);
+            }
             Err(fault) => self.handle(&fault, crew),
         }
         if self.state() == State::Active {

@@ -13,6 +13,12 @@ pub mod strand;
 /// What a successor goes on from.
 pub mod checkpoint;
 
+/// The file that checkpoints lie in.
+pub mod keep;
+
+/// That file as bytes.
+pub mod kept;
+
 /// One schedule: which members, in which order, until told to stop.
 pub mod executor;
 
@@ -63,6 +69,9 @@ pub mod trigger;
 
 /// An instance with its bindings, and the recipe for another one.
 pub mod unit;
+
+/// A slot goes on from what the run before left.
+mod warm;
 
 /// One background thread prepares spares, and clears away what recoveries leave.
 pub mod workshop;

@@ -108,7 +108,7 @@ impl Crew {
     pub fn back_up(&mut self, unit: &mut Unit, checkpoint: &mut Checkpoint) -> Result<(), Fault> {
         self.ended_ns = 0;
         let regions = std::mem::take(&mut unit.regions);
-        let has_room = checkpoint.make_room(&regions);
+        let has_room = checkpoint.make_room(&regions, unit.origin());
         let copied =
             if has_room { callback::touch(&mut self.fibers, unit, &mut || checkpoint.copy(&regions)) } else { Ok(()) };
         unit.regions = regions;
@@ -124,12 +124,12 @@ impl Crew {
     /// # Errors
     /// The fault that the copy met.
     pub fn restore(&mut self, unit: &mut Unit, checkpoint: &Checkpoint) -> Result<Option<u64>, Fault> {
-        let Some(age_ns) = checkpoint.age_for(&unit.regions) else { return Ok(None) };
+        let Some(whole) = checkpoint.whole_for(&unit.regions) else { return Ok(None) };
         let regions = std::mem::take(&mut unit.regions);
-        let restored = callback::touch(&mut self.fibers, unit, &mut || checkpoint.restore(&regions));
+        let restored = callback::touch(&mut self.fibers, unit, &mut || checkpoint.restore(whole, &regions));
         unit.regions = regions;
         self.lost |= unit.spent;
-        restored.map(|()| Some(age_ns))
+        restored.map(|()| Some(whole.age_ns))
     }
 
     /// Ends a unit that was ready, or left on the shelf: in order where it is sound. What it does about that changes nothing

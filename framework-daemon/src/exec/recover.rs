@@ -16,11 +16,11 @@ use super::service;
 use super::slot::Status;
 use super::strand::{Job, Pause};
 use super::unit::Unit;
-use crate::model::fault::{Fault, FaultEvent, FaultSender, Outcome, Stage, Times};
+use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Outcome, Stage, Times};
 use crate::model::ladder::Answer;
 use crate::model::lifecycle::{Event, State};
 use crate::model::limits::{BREATH_MAX, BREATH_MIN, BREATHLESS_FAILURES, RECOVERY_STEPS_MAX, TASK_END};
-use crate::model::symptom::Severity;
+use crate::model::symptom::{Severity, Symptom};
 use crate::model::time::nanoseconds;
 use crate::port::charge;
 use crate::port::pattern::provider::Openness;
@@ -150,6 +150,7 @@ impl Member {
     /// Walks the ladder until a step holds. A step that fails is followed by a further one, never by the same; the first
     /// further one at once, the others after a pause: nothing loops, and commands and other slots have their turn.
     fn climb(&mut self, fault: &Fault, mut climb: Climb, crew: &mut Crew) {
+        let mut late = None;
         loop {
             let step = match climb.answer {
                 Answer::Reset => self.reset(fault, &mut climb, crew),
@@ -160,7 +161,10 @@ impl Member {
             };
             let Climb { class, answer, record, .. } = climb;
             match step {
-                Step::Works => self.tell_manager(fault, class, answer, Outcome::Recovered, record, crew),
+                Step::Works => {
+                    late = self.judge_recovery(fault, &record.times);
+                    self.tell_manager(fault, class, answer, Outcome::Recovered, record, crew);
+                }
                 Step::Stopped => {
                     let answer = self.raise_what_follows(answer, fault);
                     self.tell_manager(fault, class, answer, Outcome::Stopped, record, crew);
@@ -182,6 +186,22 @@ impl Member {
         crew.fibers.bury();
         self.prepare_fibers(crew);
         self.shelf.order();
+        if let Some(late) = late {
+            self.answer(&late, crew);
+        }
+    }
+
+    /// Holds a recovery against what the profile declares; the fault of one that took longer. That of a fault that was one
+    /// itself is not judged: nothing loops.
+    fn judge_recovery(&self, fault: &Fault, times: &Times) -> Option<Fault> {
+        let took_ns = times.first_callback_ns.or(times.ready_ns)?;
+        let declared_ns = self.recovery_within_ns.filter(|declared_ns| took_ns > *declared_ns);
+        let declared_ns = declared_ns.filter(|_| fault.symptom != Symptom::Late);
+        self.slot.status.recovery.note(took_ns, declared_ns.is_some());
+        let evidence = Evidence::Recovery { took_ns, declared_ns: declared_ns? };
+        // It happened when the time was over.
+        let at_ns = fault.at_ns.saturating_add(declared_ns?);
+        Some(Fault { at_ns, injected: fault.injected, ..Fault::told(Symptom::Late, clock::now_ns(), evidence) })
     }
 
     /// A fault-stop that covers the whole system is an emergency as well; returns what it is called.

@@ -116,6 +116,28 @@ pub struct Status {
     /// Longest `on_execute` in nanoseconds, of those that were measured exactly: all of periodic slots and of those with a
     /// deadline, one of sixteen otherwise. The others count with what they took at least, which is up to 10 ms less.
     pub longest_ns: AtomicU64,
+    /// How long its recoveries took.
+    pub recovery: Recovery,
+}
+
+/// How long recoveries took, fault to first good callback, against what was declared. Written by the slot's executor.
+#[derive(Debug, Default)]
+pub struct Recovery {
+    /// The last one, in nanoseconds; 0: there was none.
+    pub last_ns: AtomicU64,
+    /// The longest one, in nanoseconds.
+    pub worst_ns: AtomicU64,
+    /// Those that took longer than declared.
+    pub late: AtomicU64,
+}
+
+impl Recovery {
+    /// Notes one.
+    pub fn note(&self, took_ns: u64, is_late: bool) {
+        self.last_ns.store(took_ns, Ordering::Relaxed);
+        self.worst_ns.fetch_max(took_ns, Ordering::Relaxed);
+        self.late.fetch_add(u64::from(is_late), Ordering::Relaxed);
+    }
 }
 
 impl Status {
@@ -132,6 +154,7 @@ impl Status {
             quarantined: AtomicU64::new(0),
             tainted: AtomicU64::new(0),
             longest_ns: AtomicU64::new(0),
+            recovery: Recovery::default(),
         }
     }
 

@@ -7,7 +7,7 @@ use abi_stable::std_types::RStr;
 use component_sdk::abi::class::{CallStatus, ClassDecl, Direction, Hook};
 use component_sdk::abi::payload::PortHandle;
 
-use super::checkpoint::Region;
+use super::checkpoint::{self, Region};
 use super::slot::Slot;
 use super::task::Tasks;
 use crate::detect::deadline;
@@ -117,6 +117,8 @@ pub struct Unit {
     pub tasks: Arc<Tasks>,
     /// Its class's name.
     pub class: &'static str,
+    /// Stands for its plugin's file.
+    pub build: u64,
     /// Number of the slot's recipe that it was made after.
     pub recipe: usize,
     /// What its callbacks may take.
@@ -211,6 +213,7 @@ impl Parts {
             owner: self.owner,
             tasks: self.tasks,
             class: self.class.name(),
+            build: self.class.plugin().build,
             recipe: self.recipe,
             limits: self.limits,
             spent: false,
@@ -248,6 +251,12 @@ fn critical_fields(decl: &ClassDecl, address: usize) -> Vec<Region> {
 }
 
 impl Unit {
+    /// Whose regions a checkpoint of it holds.
+    #[must_use]
+    pub const fn origin(&self) -> checkpoint::Instance {
+        checkpoint::Instance { class: self.class, build: self.build }
+    }
+
     /// Adds a region to its checkpoint, or moves it.
     pub fn register(&mut self, region: Region) {
         match self.regions.iter_mut().find(|known| known.name == region.name) {

@@ -63,6 +63,12 @@ impl Shelf {
         &self.recipes[number]
     }
 
+    /// How the slot's instances are made, all of them.
+    #[must_use]
+    pub fn recipes(&self) -> &[Recipe] {
+        &self.recipes
+    }
+
     /// Sizes of the stacks that its instances need.
     pub fn stacks(&self) -> impl Iterator<Item = usize> {
         self.recipes.iter().map(|recipe| recipe.limits.stack_bytes)

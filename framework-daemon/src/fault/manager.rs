@@ -332,6 +332,9 @@ fn describe(fault: &Fault, origin: &Origin) -> String {
     {
         text.push_str(&format!(" at {:#x}", trap.address));
     }
+    if let Evidence::Recovery { took_ns, declared_ns } = &fault.evidence {
+        text.push_str(&format!(": {:.3} ms instead of {:.3} ms", *took_ns as f64 / 1e6, *declared_ns as f64 / 1e6));
+    }
     let places = [("in", origin.at.as_ref().map(ToString::to_string)), ("called by", origin.caller.clone())];
     for (word, place) in places {
         text.extend(place.map(|place| format!(" {word} {place}")));

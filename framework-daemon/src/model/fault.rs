@@ -113,6 +113,13 @@ pub enum Evidence {
         /// Its budget, in nanoseconds.
         budget_ns: u64,
     },
+    /// A recovery that took longer than declared.
+    Recovery {
+        /// Fault to first good callback, in nanoseconds; to the start of the instance where no callback follows by itself.
+        took_ns: u64,
+        /// What `<recovery within>` says, in nanoseconds.
+        declared_ns: u64,
+    },
     /// A value outside its range.
     Value {
         /// Port that carried it.
@@ -162,6 +169,7 @@ impl Evidence {
         match self {
             Self::Trap(trap) => Some(trap.signal_name()),
             Self::Time { .. } => Some("it returned late"),
+            Self::Recovery { .. } => Some("it recovered later than declared"),
             _ => None,
         }
     }
@@ -175,6 +183,7 @@ impl Evidence {
             Self::Value { field, .. } => field.as_str(),
             Self::Silence { port, .. } => port.as_str(),
             Self::Time { .. } => "it returned late",
+            Self::Recovery { .. } => "it recovered later than declared",
         }
     }
 }

@@ -211,6 +211,10 @@ pub const HANG_ATTEMPTS_IN_DAEMON: u32 = 1_000;
 pub const RECOVERY_STEPS_MAX: usize = 2 * SECONDARIES;
 /// Largest checkpoint of one slot, in bytes.
 pub const CHECKPOINT_BYTES: usize = 16 << 20;
+/// Longest file of checkpoints, in bytes.
+pub const CHECKPOINT_FILE_BYTES: u64 = 1 << 30;
+/// Runs that may go on from one checkpoint without any of them making another: it may be what ends them.
+pub const CHECKPOINT_TRIES: u32 = 3;
 /// Regions that a component may register in one callback.
 pub const REGIONS_PER_CALLBACK: usize = 16;
 /// Failed tries of one recovery after which the next one follows at once.

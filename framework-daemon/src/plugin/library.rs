@@ -20,6 +20,7 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 use super::compat::{self, HeaderView};
 use super::image::{self, Image};
 use crate::model::limits::PLUGIN_FILE_BYTES;
+use crate::sys::copy::Sum;
 use crate::sys::{fence, memory, shield, text};
 
 /// A loaded plugin.
@@ -28,6 +29,8 @@ pub struct Plugin {
     pub file: PathBuf,
     /// Its file when it was read: another length or time means another plugin.
     pub stamp: Stamp,
+    /// Stands for what its file held.
+    pub build: u64,
     /// What its file said.
     pub image: Image,
     /// What its header said.
@@ -80,6 +83,8 @@ impl Plugin {
         }
         let bytes = std::fs::read(file).map_err(|error| format!("it cannot be read: {error}"))?;
         let image = image::read(&bytes)?;
+        let identity = if image.build_id.is_empty() { bytes.as_slice() } else { image.build_id.as_bytes() };
+        let build = Sum::of(identity).finish(0);
         let (header, classes) = shield::load(|| -> Result<_, String> {
             let library = open_copy(file, &bytes)?;
             let (header, raw) = read_header(&library, &image.symbol)?;
@@ -88,7 +93,7 @@ impl Plugin {
             (module.install())(host);
             Ok((header, (module.classes())().as_slice()))
         })?;
-        Ok(Arc::new(Self { file: file.to_owned(), stamp, image, header, classes }))
+        Ok(Arc::new(Self { file: file.to_owned(), stamp, build, image, header, classes }))
     }
 
     /// True when its file holds another plugin by now. One that is gone is still the same.

@@ -18,7 +18,7 @@ use crate::model::limits;
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
 /// Symptoms that no detector reports yet.
-const NOT_DETECTED: [Symptom; 5] = [Symptom::Type, Symptom::Model, Symptom::Vote, Symptom::Device, Symptom::Late];
+const NOT_DETECTED: [Symptom; 4] = [Symptom::Type, Symptom::Model, Symptom::Vote, Symptom::Device];
 
 /// `fault_tolerance` as written, references not yet resolved.
 #[derive(Clone, Debug, Serialize)]
@@ -112,11 +112,18 @@ fn severities(element: &Element, report: &mut Reporter) -> SeverityTable {
     }
     let mut table = SeverityTable::opros_default();
     for symptom in Symptom::ALL {
+        let default = default.filter(|default| is_covered(symptom, *default));
         if let Some(severity) = named[symptom as usize].or(default) {
             table.set(symptom, severity);
         }
     }
     table
+}
+
+/// A slot that is late works again: to reset it once more would only be later still, and cost the resets that a fault needs.
+/// So a reset of it must be asked for by name.
+fn is_covered(symptom: Symptom, default: Severity) -> bool {
+    symptom != Symptom::Late || default != Severity::Reset
 }
 
 fn unknown_symptom(rule: &Element, report: &mut Reporter) {

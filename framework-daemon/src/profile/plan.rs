@@ -475,7 +475,7 @@ pub struct FaultRules {
     pub spares: Option<SparePlan>,
     /// Period of checkpoints.
     pub checkpoint: Option<Duration>,
-    /// Declared target, fault to first good callback (measured; a breach as a fault is not active yet).
+    /// Declared target, fault to first good callback; a breach is a fault, `late`.
     pub recovery_within: Option<Duration>,
     /// Where the instance lives (`process` is not active yet).
     pub isolation: Isolation,

@@ -14,6 +14,7 @@ use super::wiring;
 use crate::exec::checkpoint::Checkpoint;
 use crate::exec::emergency::{self, Actuator};
 use crate::exec::executor::{Executor, Stuck};
+use crate::exec::keep::Keep;
 use crate::exec::member::{Member, Standby};
 use crate::exec::silence;
 use crate::exec::slot::{Slot, Status};
@@ -28,6 +29,7 @@ use crate::model::ladder::Ladder;
 use crate::model::limits::{BOOT_STEP, SHUTDOWN_STEP};
 use crate::model::names;
 use crate::model::schedule::Schedule;
+use crate::model::time::nanoseconds;
 use crate::plugin::Class;
 use crate::port::charge::Charges;
 use crate::port::input::InPort;
@@ -52,10 +54,10 @@ pub enum BootError {
 /// Everything that is wrong with its plugins and connections at once; or the first component that cannot be
 /// initialised. Nothing runs then.
 pub fn boot(plan: Arc<Plan>, extra: &[PathBuf], faults: FaultSender) -> Result<System, BootError> {
-    boot_unless(&AtomicBool::new(false), plan, extra, faults)
+    boot_unless(&AtomicBool::new(false), plan, extra, faults, None)
 }
 
-/// Brings a system up, unless it is given up between two steps.
+/// Brings a system up, unless it is given up between two steps; its checkpoints lie in `keep`.
 ///
 /// # Errors
 /// As [`boot`].
@@ -64,12 +66,13 @@ pub fn boot_unless(
     plan: Arc<Plan>,
     extra: &[PathBuf],
     faults: FaultSender,
+    keep: Option<Arc<Keep>>,
 ) -> Result<System, BootError> {
     let catalogue = Catalogue::default().in_directories(directories(&plan, extra));
     let workshop = Workshop::start(faults.clone());
     let workshop = workshop.map_err(|error| BootError::Failed(vec![format!("workshop: no thread: {error}")]))?;
     let (executors, slots, registry) = (HashMap::new(), Vec::new(), Arc::clone(registry::shared()));
-    let mut system = System { plan, executors, slots, registry, catalogue, workshop, faults };
+    let mut system = System { plan, executors, slots, registry, catalogue, workshop, faults, keep };
     let plan = Arc::clone(&system.plan);
     let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;
     match bring_up(&mut system, blueprints, given_up) {
@@ -112,6 +115,9 @@ fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>, given_up: &Atom
     wiring::apply(&wiring, &system.slots);
     rank(&system.slots, connections);
     go_on()?;
+    if let Some(keep) = &system.keep {
+        keep.put_in_place();
+    }
     start(&system.plan, &system.slots, |_| true).map_err(|reason| BootError::Failed(vec![reason]))
 }
 
@@ -129,7 +135,8 @@ pub fn place(system: &mut System, blueprint: Blueprint<'_>) -> Result<Placed, St
     let plan = blueprint.plan;
     let executor = executor_for(system, plan)?;
     let plugins = blueprint.plugins();
-    let member = member(blueprint, executor.bell(), &system.workshop);
+    let mut member = member(blueprint, executor.bell(), &system.workshop);
+    member.checkpoint.iter_mut().for_each(|checkpoint| checkpoint.keep_in(system.keep.clone()));
     member.slot.tasks.use_schedule(executor.schedule());
     let (slot, shelf, autostart) = (Arc::clone(&member.slot), Arc::clone(&member.shelf), member.autostart);
     let signal = Arc::clone(&member.signal);
@@ -186,6 +193,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         signal,
         shelf,
         ladder: Ladder::new(plan.rules.severity.clone(), intensity, standbys.len()),
+        recovery_within_ns: plan.rules.recovery_within.map(nanoseconds),
         standbys,
         unit: None,
         spare: None,
@@ -194,8 +202,8 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         rank: 0,
         inject: std::collections::VecDeque::new(),
         early: None,
-        checkpoint: plan.rules.checkpoint.map(Checkpoint::every),
         vigils,
+        checkpoint: plan.rules.checkpoint.map(|period| Checkpoint::every(period, name)),
         breath: None,
         coverage: plan.rules.coverage,
     }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::catalogue::Catalogue;
 use crate::exec::executor::Executor;
+use crate::exec::keep::Keep;
 use crate::exec::slot::Slot;
 use crate::exec::workshop::{Shelf, Workshop};
 use crate::model::fault::FaultSender;
@@ -48,6 +49,8 @@ pub struct System {
     pub workshop: Workshop,
     /// To the fault manager.
     pub faults: FaultSender,
+    /// The file that checkpoints lie in; `None`: they end with the daemon.
+    pub keep: Option<Arc<Keep>>,
 }
 
 impl System {

@@ -12,6 +12,9 @@ pub mod clock;
 /// What makes an executor look at its members.
 pub mod bell;
 
+/// A copy with its checksum, in one pass.
+pub mod copy;
+
 /// Tasks, as far as others need to reach them.
 pub mod crowd;
 
@@ -50,6 +53,9 @@ pub mod lookout;
 
 /// Memory that may not be there.
 pub mod peek;
+
+/// A part of a file as memory.
+pub mod mapping;
 
 /// Pages that stay in memory.
 pub mod memory;

@@ -108,7 +108,8 @@ pub static FAULT_TOLERANCE: ElementRule = ElementRule::parent(
             &ElementRule::attributed(
                 "recovery",
                 &[required("within", Kind::Duration, "Declared target, fault to first good callback.")],
-                "How fast it must recover.",
+                "How fast it must recover. A recovery that takes longer is a fault, late, which is written down; a severity of \
+                 its own, or a default of stop or emergency, says what else.",
             ),
         ),
         (Optional, &ElementRule::value("isolation", Kind::OneOf(&["thread", "process"]), "Where the instance lives.")),

@@ -51,6 +51,17 @@ impl Profiles {
         self.write(name, &text.replacen(from, to, 1));
     }
 
+    /// Replaces the first of a text in a file behind a place in it, as an element of one port of several.
+    ///
+    /// # Panics
+    /// When place or text are not there.
+    pub fn replace_after(&self, name: &str, place: &str, from: &str, to: &str) {
+        let text = std::fs::read_to_string(self.path().join(name)).expect("the file is there");
+        let (before, after) = text.split_once(place).unwrap_or_else(|| panic!("{name} does not contain {place}"));
+        assert!(after.contains(from), "{name} does not contain {from} behind {place}");
+        self.write(name, &format!("{before}{place}{}", after.replacen(from, to, 1)));
+    }
+
     /// Where it is.
     #[must_use]
     pub fn path(&self) -> &Path {

@@ -26,24 +26,17 @@ pub(crate) fn profiles(transport: Transport, run: &str, rules: &str) -> Profiles
         connection_of("event", "measurer.tells -> watcher.notes", ""),
         connection_of("event", "measurer.tells -> watcher.first_notes", ""),
     ];
-    let text =
-        application(&slots, &[]).replace("</port_connections>", &format!("{}</port_connections>", links.concat()));
-    let profiles = Profiles::new(&text);
+    let profiles = Profiles::new(&application(&slots, &links.each_ref().map(String::as_str)));
     profiles.describe(&plugin_dir().join("libevents.so"));
     declare_executors(&profiles);
-    settle(&profiles, "level", "<timeout>1s</timeout>", "<timeout>100ms</timeout>");
-    settle(&profiles, "heard", "<queue_size>15</queue_size>", "<queue_size>2</queue_size>");
+    let settle = |port: &str, described: &str, wanted: &str| {
+        profiles.replace_after("Watcher.xml", &format!("<name>{port}</name>"), described, wanted);
+    };
+    settle("level", "<timeout>1s</timeout>", "<timeout>100ms</timeout>");
+    settle("heard", "<queue_size>15</queue_size>", "<queue_size>2</queue_size>");
     let size = "<queue_size>3</queue_size>";
-    settle(&profiles, "first_notes", size, &format!("{size}<overflow>drop_newest</overflow>"));
+    settle("first_notes", size, &format!("{size}<overflow>drop_newest</overflow>"));
     profiles
-}
-
-/// Sets what the watcher's profile says about a port.
-fn settle(profiles: &Profiles, port: &str, described: &str, wanted: &str) {
-    let watcher = std::fs::read_to_string(profiles.path().join("Watcher.xml")).expect("described");
-    let (before, after) = watcher.split_once(&format!("<name>{port}</name>")).expect("the port is described");
-    assert!(after.contains(described), "{after}");
-    profiles.write("Watcher.xml", &format!("{before}<name>{port}</name>{}", after.replacen(described, wanted, 1)));
 }
 
 static SUITE: Suite = Suite::new(|transport| profiles(transport, "all", RESET));
@@ -121,9 +114,8 @@ fn event_ends_that_do_not_match_are_refused_at_load() {
 #[test]
 fn a_setting_of_the_other_side_of_events_is_refused() {
     let profiles = profiles(Transport::Near, "all", RESET);
-    let measurer = std::fs::read_to_string(profiles.path().join("Measurer.xml")).unwrap();
-    let (before, after) = measurer.split_once("<name>levels</name>").unwrap();
-    profiles.write("Measurer.xml", &format!("{before}<name>levels</name><activations>4</activations>{after}"));
+    let name = "<name>levels</name>";
+    profiles.replace("Measurer.xml", name, &format!("{name}<activations>4</activations>"));
     let (is_good, text) = check(&profiles);
     assert!(!is_good && text.contains("<activations> belongs to an input of events"), "{text}");
 }

@@ -61,10 +61,8 @@ fn profiles(transport: Transport, run: &str) -> Profiles {
 
 /// Adds to a port of the listener.
 fn set(profiles: &Profiles, port: &str, element: &str) {
-    let listener = std::fs::read_to_string(profiles.path().join("Hearer.xml")).expect("described");
-    let (before, after) = listener.split_once(&format!("<name>{port}</name>")).expect("the port is described");
-    let after = after.replacen("</data_port>", &format!("{element}</data_port>"), 1);
-    profiles.write("Hearer.xml", &format!("{before}<name>{port}</name>{after}"));
+    let (name, end) = (format!("<name>{port}</name>"), "</data_port>");
+    profiles.replace_after("Hearer.xml", &name, end, &format!("{element}{end}"));
 }
 
 static SUITE: Suite = Suite::new(|transport| profiles(transport, "all"));

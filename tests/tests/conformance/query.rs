@@ -24,16 +24,11 @@ pub(crate) fn profiles(transport: Transport, run: &str) -> Profiles {
         connection_of("service", "teller.back -> asker.answers", ""),
         connection_of("service", "echo.back -> asker.answers", ""),
     ];
-    let text =
-        application(&slots, &[]).replace("</port_connections>", &format!("{}</port_connections>", links.concat()));
-    let profiles = Profiles::new(&text);
+    let profiles = Profiles::new(&application(&slots, &links.each_ref().map(String::as_str)));
     profiles.describe(&plugin_dir().join("libqueries.so"));
     declare_executors(&profiles);
-    let asker = std::fs::read_to_string(profiles.path().join("Asker.xml")).expect("described");
     // The second required port times out soon.
-    let (before, after) = asker.split_once("<name>again</name>").expect("the port is described");
-    let after = after.replacen("<timeout>1s</timeout>", "<timeout>100ms</timeout>", 1);
-    profiles.write("Asker.xml", &format!("{before}<name>again</name>{after}"));
+    profiles.replace_after("Asker.xml", "<name>again</name>", "<timeout>1s</timeout>", "<timeout>100ms</timeout>");
     let semantics = "<execution_semantics>";
     profiles.replace("Teller.xml", semantics, &format!("{semantics}<deadline hang=\"100ms\">50ms</deadline>"));
     profiles
@@ -48,8 +43,7 @@ fn wired_at_boot_waits_for_its_server() {
     for transport in [Transport::Near, Transport::Far] {
         let slots = [slot("early", "Early", &transport.place("left")), slot("late", "Late", &transport.place("right"))];
         let link = connection_of("service", "early.tell -> late.told", "");
-        let text = application(&slots, &[]).replace("</port_connections>", &format!("{link}</port_connections>"));
-        let profiles = Profiles::new(&text);
+        let profiles = Profiles::new(&application(&slots, &[&link]));
         profiles.describe(&plugin_dir().join("libqueries.so"));
         declare_executors(&profiles);
         let mut daemon = Running::start(profiles.path(), &[]);

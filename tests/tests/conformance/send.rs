@@ -28,9 +28,7 @@ pub(crate) fn profiles(transport: Transport, run: &str) -> Profiles {
         connection_of("service", "sender.board -> board.board", ""),
         connection_of("service", "sender.few -> board.board", ""),
     ];
-    let text =
-        application(&slots, &[]).replace("</port_connections>", &format!("{}</port_connections>", links.concat()));
-    let profiles = Profiles::new(&text);
+    let profiles = Profiles::new(&application(&slots, &links.each_ref().map(String::as_str)));
     profiles.describe(&plugin_dir().join("libsends.so"));
     declare_executors(&profiles);
     let semantics = "<execution_semantics>";

@@ -16,9 +16,7 @@ fn profiles(transport: Transport) -> Profiles {
         connection_of("service", "master.ask -> slave.asked", ""),
         connection_of("service", "slave.deaf -> master.silent", ""),
     ];
-    let text =
-        application(&slots, &[]).replace("</port_connections>", &format!("{}</port_connections>", links.concat()));
-    let profiles = Profiles::new(&text);
+    let profiles = Profiles::new(&application(&slots, &links.each_ref().map(String::as_str)));
     profiles.describe(&plugin_dir().join("libstates.so"));
     declare_executors(&profiles);
     profiles

@@ -25,9 +25,7 @@ fn profiles(transport: Transport, run: &str) -> Profiles {
         connection_of("service", "victim.back -> tasker.worked", ""),
         connection_of("data", "tasker.sent -> tasker.heard", ""),
     ];
-    let text =
-        application(&slots, &[]).replace("</port_connections>", &format!("{}</port_connections>", links.concat()));
-    let profiles = Profiles::new(&text);
+    let profiles = Profiles::new(&application(&slots, &links.each_ref().map(String::as_str)));
     profiles.describe(&plugin_dir().join("libtasks.so"));
     declare_executors(&profiles);
     // Those that the tasker may be on.

@@ -151,3 +151,78 @@ fn a_value_that_comes_and_goes_within_its_delay_is_one_fault() {
     let at = |kind: &str| daemon.entries(kind)[0]["mono_ns"].as_u64().unwrap();
     assert!(at("fault") < at("healed") && at("healed") < at("cleared"));
 }
+
+/// A wave, and a monitor of one of its ends.
+fn monitored(script: &str, rules: &str, monitor: &str, wires: &[&str]) -> Profiles {
+    let text = application(&[wave(script, rules), slot("ear", "Ear", "")], wires);
+    let profiles = Profiles::new(&text.replace("</application_profile>", &format!("{monitor}</application_profile>")));
+    profiles.describe(&plugin_dir().join("libsignals.so"));
+    profiles
+}
+
+const WATCH_THE_WAVE: &str = "<monitor component=\"wave\" port=\"out\"><validity field=\"distance\"><min>3</min><max>300</max>\
+     </validity><max_age>100ms</max_age></monitor>";
+
+#[test]
+fn a_monitor_finds_what_is_wrong_at_a_port_and_readers_get_everything() {
+    let profiles = monitored("5x40 0x40 5x40 -x100 ...", "", WATCH_THE_WAVE, &["wave.out -> ear.heard"]);
+    let daemon = Running::start(profiles.path(), &[]);
+    let faults = daemon.journal("fault", 2);
+    assert_eq!(texts(&faults[..2], "symptom"), ["validity", "stale"]);
+    assert_eq!(texts(&faults[..2], "slot"), ["wave", "wave"]);
+    let port = |fault: &Value| fault["evidence"]["port"].as_str().map(str::to_owned);
+    assert!(faults[..2].iter().all(|fault| port(fault).as_deref() == Some("monitor of wave.out")), "{faults:?}");
+    assert_eq!(faults[0]["evidence"]["value"], 0.0);
+    // What it finds keeps nothing from anybody.
+    daemon.wait_for("distance 0");
+    daemon.wait_for("monitor of wave.out, field distance: 0, limit 3");
+    daemon.wait_for("monitor of wave.out heard nothing for ");
+    let info = ask(&daemon, &["port", "info", "wave.out"]);
+    assert!(info.contains("monitor of wave.out"), "{info}");
+    let healed = daemon.journal("healed", 2);
+    assert_eq!(texts(&healed[..2], "symptom"), ["validity", "stale"]);
+}
+
+#[test]
+fn a_monitor_needs_no_reader_and_its_finds_are_answered_by_the_rules_of_the_writer() {
+    let rules = "<severity symptom=\"validity\">stop</severity>";
+    let mut daemon = Running::start(monitored("5x40 0", rules, WATCH_THE_WAVE, &[]).path(), &[]);
+    let fault = daemon.journal("fault", 1).remove(0);
+    assert_eq!((fault["outcome"].as_str(), fault["symptom"].as_str()), (Some("stopped"), Some("validity")));
+    daemon.stop();
+}
+
+#[test]
+fn a_monitor_of_an_input_watches_what_is_sent_to_it_and_a_reload_takes_it_away() {
+    let monitor = WATCH_THE_WAVE.replace("component=\"wave\" port=\"out\"", "component=\"ear\" port=\"heard\"");
+    let profiles = monitored("5x20 0x20 ...", "", &monitor, &["wave.out -> ear.heard"]);
+    let daemon = Running::start(profiles.path(), &[]);
+    let fault = daemon.journal("fault", 1).remove(0);
+    assert_eq!(
+        (fault["slot"].as_str(), fault["evidence"]["port"].as_str()),
+        (Some("wave"), Some("monitor of ear.heard"))
+    );
+    for format in ["dot", "mermaid", "svg"] {
+        let output = std::process::Command::new(tests::daemon_binary::daemon_binary());
+        let drawn = { output }.arg("graph").arg(profiles.path()).args(["--as", format]).output().unwrap();
+        let drawn = String::from_utf8_lossy(&drawn.stdout).into_owned();
+        assert!(drawn.contains("monitor: distance 3..300, not silent for 100ms"), "{drawn}");
+    }
+    profiles.replace("app.xml", &monitor, "");
+    daemon.signal("HUP");
+    daemon.wait_for("reloaded: ");
+    let info = ask(&daemon, &["port", "info", "wave.out"]);
+    assert!(!info.contains("monitor"), "{info}");
+    // Nobody looks any more: the next bad values, a tenth of a second later at most, are nobody's fault.
+    let before = daemon.entries("fault").len();
+    std::thread::sleep(std::time::Duration::from_millis(600));
+    assert!(daemon.entries("fault").len() <= before + 1, "one may have been on its way");
+}
+
+/// What a verb prints.
+fn ask(daemon: &Running, verb: &[&str]) -> String {
+    let mut command = std::process::Command::new(tests::daemon_binary::daemon_binary());
+    let output = command.args(verb).arg("--socket").arg(daemon.socket()).output().expect("the daemon's binary runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}

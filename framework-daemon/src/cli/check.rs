@@ -18,7 +18,7 @@ use crate::profile::document::{Document, Profile};
 use crate::profile::load;
 use crate::profile::single;
 use crate::supervise::catalogue::Catalogue;
-use crate::supervise::{blueprint, boot, wiring};
+use crate::supervise::{blueprint, boot, monitors, wiring};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon check profiles/navigation\n  \
      framework-daemon check --format json Camera.xml Planner.xml\n  \
@@ -88,7 +88,11 @@ fn check_plugins(path: &Path, plugins: &[PathBuf]) -> io::Result<bool> {
     };
     let catalogue = Catalogue::default().in_directories(boot::directories(&plan, plugins));
     let wrong = match blueprint::draw(&plan.slots, &catalogue) {
-        Ok(blueprints) => wiring::check(&plan.connections, &blueprints),
+        Ok(blueprints) => {
+            let mut wrong = wiring::check(&plan.connections, &blueprints);
+            wrong.extend(monitors::check(&plan.monitors, &blueprints));
+            wrong
+        }
         Err(reasons) => reasons,
     };
     let found = catalogue.warnings();

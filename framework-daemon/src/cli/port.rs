@@ -151,6 +151,8 @@ fn describe(answer: &Value) -> Vec<String> {
         "missed",
         "min_cycle_ns",
         "early",
+        "max_age_ns",
+        "monitors",
         "activations",
         "activations_max",
         "handled",

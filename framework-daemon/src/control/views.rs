@@ -24,6 +24,7 @@ use crate::port::pattern::objects::Objects;
 use crate::port::pattern::provider::Provider;
 use crate::port::pattern::requestor::Requestor;
 use crate::profile::plan::{Execution, Queue, SlotPlan, Trigger};
+use crate::supervise::monitors::MONITOR;
 
 /// Columns of the table of slots, in order. Each is a field of [`of_running`].
 const COLUMNS: [&str; 10] =
@@ -221,6 +222,9 @@ fn input(slot: &str, port: &InPort, writers: &[End]) -> Value {
     let mut fields = json!({"slot": slot, "port": port.name, "direction": "input", "type": port.object.name.as_str(),
         "connections": names(writers), "policy": policy(port.policy()), "received": received, "dropped": dropped,
         "waiting": port.queued()});
+    if let Some(hearing) = port.hearing() {
+        fields["max_age_ns"] = hearing.max_age_ns.into();
+    }
     if let Some(turn) = port.turn() {
         fields["every"] = turn.every().into();
     }
@@ -230,6 +234,10 @@ fn input(slot: &str, port: &InPort, writers: &[End]) -> Value {
 fn output(slot: &str, port: &OutPort, readers: &[End]) -> Value {
     let mut fields = json!({"slot": slot, "port": port.name, "direction": "output", "type": port.object.name.as_str(),
         "connections": names(readers)});
+    let monitors = monitors(port);
+    if !monitors.is_empty() {
+        fields["monitors"] = monitors.into();
+    }
     let (cycle, (early, missed)) = (port.outlet().cycle(), port.outlet().counts());
     if let Some(period_ns) = cycle.period_ns {
         fields["period_ns"] = period_ns.into();
@@ -241,6 +249,12 @@ fn output(slot: &str, port: &OutPort, readers: &[End]) -> Value {
         fields["early"] = early.into();
     }
     fields
+}
+
+/// Those of the framework's inputs that watch an output.
+fn monitors(port: &OutPort) -> Vec<String> {
+    let links = port.links().into_iter().map(|link| link.target);
+    links.filter(|input| input.is_tap() && input.name.starts_with(MONITOR)).map(|input| input.name.clone()).collect()
 }
 
 fn client(slot: &str, port: &Requestor, servers: &[End]) -> Value {

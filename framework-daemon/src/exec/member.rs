@@ -9,7 +9,7 @@ use super::callback::{self, Call, Fibers};
 use super::checkpoint::Checkpoint;
 use super::recover::Breath;
 use super::service;
-use super::silence::Vigil;
+use super::silence::Watched;
 use super::slot::Slot;
 use super::strand::{Job, Pause, Strand};
 use super::unit::Unit;
@@ -108,7 +108,7 @@ pub struct Member {
     /// What a successor goes on from.
     pub checkpoint: Option<Checkpoint>,
     /// Its inputs whose silence is a fault.
-    pub vigils: Vec<Vigil>,
+    pub watched: Vec<Watched>,
     /// A recovery that waits for its next try.
     pub breath: Option<Box<Breath>>,
     /// How far a fault-stop reaches.
@@ -226,7 +226,7 @@ impl Member {
             self.next_due_ns = (clock::now_ns() / period + 1) * period;
         }
         self.slot.outputs.iter().for_each(|port| port.forget_episodes());
-        self.begin_vigils();
+        self.begin_to_watch();
         let _ = self.signal.take();
         if self.trigger == Trigger::Nonperiodic && self.slot.inputs.iter().any(|port| port.has_data()) {
             self.signal.ring(Ring::Data);

@@ -272,7 +272,6 @@ fn depends(element: &Element, report: &mut Reporter) -> (Word, Word) {
 }
 
 fn monitor(element: &Element, report: &mut Reporter) -> Monitor {
-    report.not_active(element.name_span, "<monitor>");
     let port = End { component: report.value_word(element, "component"), port: report.value_word(element, "port") };
     Monitor { port, validity: fault_rules::validities(element, report), max_age: fault_rules::max_age(element, report) }
 }

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use super::blueprint::{Blueprint, draw, texts};
 use super::catalogue::Catalogue;
+use super::monitors::{self, Monitors};
 use super::shutdown::shutdown;
 use super::system::{Placed, System, by_name};
 use super::wiring;
@@ -72,7 +73,8 @@ pub fn boot_unless(
     let workshop = Workshop::start(faults.clone());
     let workshop = workshop.map_err(|error| BootError::Failed(vec![format!("workshop: no thread: {error}")]))?;
     let (executors, slots, registry) = (HashMap::new(), Vec::new(), Arc::clone(registry::shared()));
-    let mut system = System { plan, executors, slots, registry, catalogue, workshop, faults, keep };
+    let monitors = Monitors::default();
+    let mut system = System { plan, executors, slots, monitors, registry, catalogue, workshop, faults, keep };
     let plan = Arc::clone(&system.plan);
     let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;
     match bring_up(&mut system, blueprints, given_up) {
@@ -111,9 +113,12 @@ fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>, given_up: &Atom
     }
     let connections = &system.plan.connections;
     let wiring = wiring::build(&[], connections, &system.slots).map_err(BootError::Plugins)?;
+    let monitors = monitors::build(&Monitors::default(), &system.plan, &system.slots);
+    let monitors = monitors.map_err(BootError::Plugins)?;
     wiring::announce(&system.registry, &system.slots, &system.plan.composites);
     wiring::apply(&wiring, &system.slots);
-    rank(&system.slots, connections);
+    system.follow(monitors);
+    rank(&system.slots, &system.plan.connections);
     go_on()?;
     if let Some(keep) = &system.keep {
         keep.put_in_place();
@@ -184,7 +189,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
     turns::share(&slot.providers);
     slot.events.listen(&signal);
     let shelf = workshop.shelf(&slot, recipes, plan.rules.ready_spares(), plan.rules.severity.clone());
-    let vigils = silence::vigils(&slot.inputs);
+    let watched = silence::watched(&slot.inputs);
     let intensity = plan.rules.reset.map(|intensity| (intensity.limit, intensity.within));
     Member {
         slot,
@@ -202,7 +207,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         rank: 0,
         inject: std::collections::VecDeque::new(),
         early: None,
-        vigils,
+        watched,
         checkpoint: plan.rules.checkpoint.map(|period| Checkpoint::every(period, name)),
         breath: None,
         coverage: plan.rules.coverage,

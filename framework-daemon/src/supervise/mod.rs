@@ -27,6 +27,9 @@ pub mod services;
 /// The interfaces that profiles state, compared with the plugins'.
 pub mod interfaces;
 
+/// What watches ports for the framework.
+pub mod monitors;
+
 /// The set of live things.
 pub mod system;
 

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use super::blueprint::{self, Blueprint};
 use super::boot;
+use super::monitors::{self, Monitors};
 use super::services;
 use super::system::{Placed, System};
 use super::wiring::{self, Wiring};
@@ -53,9 +54,9 @@ pub fn reload(system: &mut System, plan: &Arc<Plan>, extra: &[PathBuf]) -> Resul
     let blueprints = blueprint::draw(&fresh, &catalogue)?;
     let old_plan = std::mem::replace(&mut system.plan, Arc::clone(plan));
     match prepare(system, blueprints, &old_plan, plan, &changes) {
-        Ok((slots, wiring)) => {
+        Ok(prepared) => {
             system.catalogue = catalogue;
-            commit(system, slots, &wiring, &changes);
+            commit(system, prepared, &changes);
             Ok(changes)
         }
         Err(reasons) => {
@@ -84,6 +85,13 @@ fn compare(system: &System, plan: &Plan) -> (Changes, Vec<SlotPlan>) {
     (Changes { added: diff.slots_added.clone(), removed: diff.slots_removed.clone(), changed, kept }, fresh)
 }
 
+/// What a commit puts in place.
+struct Prepared {
+    slots: Vec<Placed>,
+    wiring: Wiring,
+    monitors: Monitors,
+}
+
 /// Creates and initialises what is new and builds the new links. Undoes itself when it fails.
 fn prepare(
     system: &mut System,
@@ -91,17 +99,20 @@ fn prepare(
     old_plan: &Plan,
     plan: &Plan,
     changes: &Changes,
-) -> Result<(Vec<Placed>, Wiring), Vec<String>> {
+) -> Result<Prepared, Vec<String>> {
     let mut placed = Vec::new();
     let result = blueprints.into_iter().try_for_each(|blueprint| {
         placed.push(boot::place(system, blueprint)?);
         Ok(())
     });
     let slots = assemble(system, &placed, plan, changes);
-    let build = || wiring::build(&old_plan.connections, &plan.connections, &slots);
+    let build = || {
+        let wiring = wiring::build(&old_plan.connections, &plan.connections, &slots)?;
+        Ok((wiring, monitors::build(&system.monitors, plan, &slots)?))
+    };
     let built = result.map_err(|reason: String| vec![reason]).and_then(|()| build());
     match built {
-        Ok(wiring) => Ok((slots, wiring)),
+        Ok((wiring, monitors)) => Ok(Prepared { slots, wiring, monitors }),
         Err(reasons) => {
             for new in placed {
                 let _ = new.executor.remove(new.member, STEP);
@@ -121,7 +132,8 @@ fn assemble(system: &System, placed: &[Placed], plan: &Plan, changes: &Changes) 
     plan.slots.iter().filter_map(|slot| new(&slot.name).or_else(|| kept(&slot.name))).collect()
 }
 
-fn commit(system: &mut System, slots: Vec<Placed>, wiring: &Wiring, changes: &Changes) {
+fn commit(system: &mut System, prepared: Prepared, changes: &Changes) {
+    let Prepared { slots, wiring, monitors } = prepared;
     let leaves = |placed: &&Placed| {
         let name = placed.slot.name;
         changes.removed.iter().chain(&changes.changed).any(|gone| gone == name)
@@ -134,7 +146,8 @@ fn commit(system: &mut System, slots: Vec<Placed>, wiring: &Wiring, changes: &Ch
     }
     wiring::announce(&system.registry, &slots, &system.plan.composites);
     wiring::disconnect(&leaving);
-    wiring::apply(wiring, &slots);
+    wiring::apply(&wiring, &slots);
+    system.follow(monitors);
     for old in &leaving {
         warn_if_stuck(old, old.executor.remove(old.member, STEP).is_err());
     }

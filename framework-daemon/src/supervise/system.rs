@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::catalogue::Catalogue;
+use super::monitors::Monitors;
 use crate::exec::executor::Executor;
 use crate::exec::keep::Keep;
 use crate::exec::slot::Slot;
@@ -41,6 +42,8 @@ pub struct System {
     pub executors: HashMap<String, Arc<Executor>>,
     /// Slots in the order in which they were started.
     pub slots: Vec<Placed>,
+    /// What watches their ports.
+    pub monitors: Monitors,
     /// Their ports, for who wires at run time.
     pub registry: Arc<Registry>,
     /// Where plugins come from.
@@ -54,6 +57,12 @@ pub struct System {
 }
 
 impl System {
+    /// Puts these monitors in the place of those before.
+    pub fn follow(&mut self, mut monitors: Monitors) {
+        monitors.follow(std::mem::take(&mut self.monitors));
+        self.monitors = monitors;
+    }
+
     /// The slot of that name.
     #[must_use]
     pub fn slot(&self, name: &str) -> Option<&Placed> {

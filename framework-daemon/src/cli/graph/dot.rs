@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use crate::profile::plan::{ConnectionPlan, Plan, PortKind, SlotPlan};
+use super::monitored;
+use crate::profile::plan::{ConnectionPlan, MonitorPlan, Plan, PortKind, PortRef, SlotPlan};
 use crate::profile::wire::{Port, kind_name, ports_of};
 
 /// The text that `dot` reads.
@@ -19,8 +20,22 @@ pub fn draw(plan: &Plan) -> String {
     for connection in &plan.connections {
         let _ = writeln!(out, "{}", edge(connection));
     }
+    for (number, monitor) in plan.monitors.iter().enumerate() {
+        let _ = writeln!(out, "{}", watched(number, monitor));
+    }
     out.push_str("}\n");
     out
+}
+
+/// A monitor, and the port that it watches.
+fn watched(number: usize, monitor: &MonitorPlan) -> String {
+    let PortRef { slot, port } = &monitor.port;
+    let port = quoted(&format!("{}_{port}", kind_name(PortKind::Data)));
+    let label = quoted(&format!("monitor: {}", monitored(monitor)));
+    format!(
+        "  monitor{number} [shape=note, fontsize=10, label={label}];\n  {}:{port} -> monitor{number} [style=dotted, arrowhead=none];",
+        quoted(slot)
+    )
 }
 
 fn table(slot: &SlotPlan) -> String {

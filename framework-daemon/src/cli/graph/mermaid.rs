@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use crate::profile::plan::{ConnectionPlan, Plan, PortKind};
+use super::monitored;
+use crate::profile::plan::{ConnectionPlan, MonitorPlan, Plan, PortKind, PortRef};
 
 /// The text that Mermaid reads.
 #[must_use]
@@ -20,7 +21,18 @@ pub fn draw(plan: &Plan) -> String {
     for connection in &plan.connections {
         out.push_str(&edge(plan, connection));
     }
+    for (number, monitor) in plan.monitors.iter().enumerate() {
+        out.push_str(&watched(plan, number, monitor));
+    }
     out
+}
+
+/// A monitor, and the port that it watches.
+fn watched(plan: &Plan, number: usize, monitor: &MonitorPlan) -> String {
+    let PortRef { slot, port } = &monitor.port;
+    let slot = plan.slots.iter().position(|placed| placed.name == *slot).unwrap_or_default();
+    let label = escaped(&monitored(monitor));
+    format!("  m{number}([\"monitor: {label}\"])\n  s{slot} -.-|\"{}\"| m{number}\n", escaped(port))
 }
 
 fn edge(plan: &Plan, connection: &ConnectionPlan) -> String {

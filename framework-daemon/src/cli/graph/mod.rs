@@ -16,6 +16,7 @@ pub mod svg;
 
 use super::exit_code::Exit;
 use crate::profile;
+use crate::profile::plan::{Limit, MonitorPlan, Validity};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon graph profiles/navigation --as svg > navigation.svg\n  \
      framework-daemon graph profiles/navigation --as dot | dot -Tpdf > navigation.pdf";
@@ -41,6 +42,27 @@ pub enum Output {
     Mermaid,
     /// A picture, laid out here.
     Svg,
+}
+
+/// What a `<validity>` asks, as people write it: `range 0.03..3`, `speed 2/s`.
+fn range(validity: &Validity) -> String {
+    let bound = |limit: &Option<Limit>| match limit {
+        Some(Limit::Constant(value)) => value.to_string(),
+        Some(Limit::Linear { of, .. }) => format!("f({of})"),
+        None => String::new(),
+    };
+    let mut text = validity.field.clone();
+    if validity.min.is_some() || validity.max.is_some() {
+        text.push_str(&format!(" {}..{}", bound(&validity.min), bound(&validity.max)));
+    }
+    text.extend(validity.max_rate.map(|rate| format!(" {rate}/s")));
+    text.trim().to_owned()
+}
+
+/// What a monitor watches.
+fn monitored(monitor: &MonitorPlan) -> String {
+    let age = monitor.max_age.map(|age| format!("not silent for {age:?}"));
+    monitor.validity.iter().map(range).chain(age).collect::<Vec<_>>().join(", ")
 }
 
 /// Draws a directory that is accepted.

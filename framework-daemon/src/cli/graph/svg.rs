@@ -3,7 +3,8 @@
 use std::fmt::Write;
 
 use super::layout::{Drawing, Line, Node, Pin, Point, ROW, TITLE, layout, subtitle, text_width};
-use crate::profile::plan::{ConnectionPlan, Limit, Plan, PortKind, SlotPlan, Validity};
+use super::{monitored, range};
+use crate::profile::plan::{ConnectionPlan, MonitorPlan, Plan, PortKind, SlotPlan};
 
 const STYLE: &str = "<style>\
     text{font-family:'DejaVu Sans','Helvetica Neue',Arial,sans-serif;fill:#1b2430}\
@@ -175,6 +176,20 @@ fn labels(plan: &Plan, drawing: &Drawing, out: &mut String) {
         let at = middle(line);
         label(Point { x: at.x, y: at.y - 5.0 }, "middle", &checks.join(", "), out);
     }
+    plan.monitors.iter().for_each(|monitor| watched(plan, drawing, monitor, out));
+}
+
+/// What a monitor watches, beside its port.
+fn watched(plan: &Plan, drawing: &Drawing, monitor: &MonitorPlan, out: &mut String) {
+    let slot = plan.slots.iter().position(|slot| slot.name == monitor.port.slot);
+    let Some(node) = slot.and_then(|slot| drawing.nodes.get(slot)) else { return };
+    let text = format!("monitor: {}", monitored(monitor));
+    for (pins, shift, anchor) in [(&node.left, -8.0, "end"), (&node.right, 8.0, "start")] {
+        let pin = pins.iter().find(|pin| pin.name == monitor.port.port && pin.kind == PortKind::Data);
+        if let Some(Point { x, y }) = pin.map(|pin| pin.at) {
+            label(Point { x: x + shift, y: y + 13.0 }, anchor, &text, out);
+        }
+    }
 }
 
 /// The middle of the first level part; of the whole, where the line is one bend.
@@ -208,15 +223,6 @@ fn label(at: Point, anchor: &str, text: &str, out: &mut String) {
             escaped(text)
         );
     }
-}
-
-fn range(validity: &Validity) -> String {
-    let bound = |limit: &Option<Limit>| match limit {
-        Some(Limit::Constant(value)) => value.to_string(),
-        Some(Limit::Linear { of, .. }) => format!("f({of})"),
-        None => String::new(),
-    };
-    format!("{} {}..{}", validity.field, bound(&validity.min), bound(&validity.max)).trim().to_owned()
 }
 
 fn legend(y: f64, out: &mut String) {

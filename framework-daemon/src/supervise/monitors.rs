@@ -1,0 +1,219 @@
+//! Monitors: what a `<monitor>` wants watched at a port, inserted when everything is connected.
+//!
+//! A monitor is an input of the framework's own, connected to the watched output, or to the outputs that are connected to the
+//! watched input; its checks find what is wrong with what arrives there, and charge the writer. It only looks: readers
+//! get what they would get without it. Silence, which nobody's callback would notice, is looked for by one thread for all
+//! monitors, and only where one has a `max_age`.
+
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use component_sdk::object::TypeDescriptor;
+
+use super::blueprint::Blueprint;
+use super::system::Placed;
+use super::wiring::{at, complain, describe};
+use crate::exec::silence::Vigil;
+use crate::model::fault::Label;
+use crate::model::time::nanoseconds;
+use crate::port::check::Checks;
+use crate::port::input::InPort;
+use crate::port::output::OutPort;
+use crate::port::wiring::{self, Planned};
+use crate::profile::plan::{MonitorPlan, OnInvalid, Plan, PortKind, PortRef, Queue, Validity};
+use crate::sys::{clock, thread};
+
+/// What the name of a monitor's input begins with.
+pub const MONITOR: &str = "monitor of ";
+
+/// All monitors of a plan.
+#[derive(Default)]
+pub struct Monitors {
+    posts: Vec<Post>,
+    watch: Option<Watch>,
+}
+
+struct Post {
+    plan: MonitorPlan,
+    input: Arc<InPort>,
+    writers: Vec<Arc<OutPort>>,
+}
+
+/// What watches those that wait for values.
+struct Watch {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+struct Shared {
+    vigils: Mutex<Vec<(Arc<InPort>, Vigil)>>,
+    over: Mutex<bool>,
+    ended: Condvar,
+}
+
+/// Builds the monitors of a plan. One that was there before and is wanted as it is stays, with what it remembers.
+///
+/// # Errors
+/// All that is wrong, one text each.
+pub fn build(before: &Monitors, plan: &Plan, slots: &[Placed]) -> Result<Monitors, Vec<String>> {
+    let (mut posts, mut errors) = (Vec::new(), Vec::new());
+    for monitor in &plan.monitors {
+        match post(before, monitor, plan, slots) {
+            Ok(post) => posts.push(post),
+            Err(reason) => errors.push(at(&monitor.location, &reason)),
+        }
+    }
+    if errors.is_empty() { Ok(Monitors { posts, watch: None }) } else { Err(errors) }
+}
+
+fn post(before: &Monitors, monitor: &MonitorPlan, plan: &Plan, slots: &[Placed]) -> Result<Post, String> {
+    let find = |slot: &str| slots.iter().find(|placed| placed.slot.name == slot);
+    let PortRef { slot, port } = &monitor.port;
+    let watched = find(slot).ok_or_else(|| format!("{slot}.{port}: no such slot"))?;
+    let object = watched.slot.output(port).map(|port| port.object);
+    let object = object.or_else(|| watched.slot.input(port).map(|port| port.object));
+    let object = object.ok_or_else(|| format!("{slot}.{port}: no such data port"))?;
+    let outputs = writers_of(&monitor.port, plan).into_iter();
+    let writers = outputs.filter_map(|end| find(&end.slot)?.slot.output(&end.port).cloned()).collect();
+    let input = match kept(before, monitor, object) {
+        Some(input) => input,
+        None => Arc::new(input(monitor, object)?),
+    };
+    Ok(Post { plan: monitor.clone(), input, writers })
+}
+
+/// The outputs whose values pass at that port.
+fn writers_of(port: &PortRef, plan: &Plan) -> Vec<PortRef> {
+    let data = plan.connections.iter().filter(|connection| connection.kind == PortKind::Data);
+    let writers: Vec<_> =
+        data.filter(|connection| connection.target == *port).map(|connection| connection.source.clone()).collect();
+    // An output is its own writer; an input without any has none, though it looks like one here.
+    if writers.is_empty() { vec![port.clone()] } else { writers }
+}
+
+fn kept(before: &Monitors, monitor: &MonitorPlan, object: &'static TypeDescriptor) -> Option<Arc<InPort>> {
+    let same = |post: &&Post| {
+        let plain = MonitorPlan { location: post.plan.location.clone(), ..monitor.clone() };
+        std::ptr::eq(post.input.object, object) && same_rules(&post.plan, &plain)
+    };
+    before.posts.iter().find(same).map(|post| Arc::clone(&post.input))
+}
+
+/// Where something is written does not count.
+fn same_rules(one: &MonitorPlan, other: &MonitorPlan) -> bool {
+    let rule = |rule: &Validity| Validity { location: one.location.clone(), ..rule.clone() };
+    one.port == other.port
+        && one.max_age == other.max_age
+        && one.validity.iter().map(rule).eq(other.validity.iter().map(rule))
+}
+
+fn input(monitor: &MonitorPlan, object: &'static TypeDescriptor) -> Result<InPort, String> {
+    let PortRef { slot, port } = &monitor.port;
+    let checks = compile(monitor, object)?;
+    let input = InPort::new(&format!("{MONITOR}{slot}.{port}"), object, Queue::Last, checks).tapping();
+    Ok(match monitor.max_age {
+        Some(max_age) => input.expecting(nanoseconds(max_age)),
+        None => input,
+    })
+}
+
+fn compile(monitor: &MonitorPlan, object: &'static TypeDescriptor) -> Result<Checks, String> {
+    // It only looks: what is wrong with a value does not keep it from having been there.
+    let look = |rule: &Validity| Validity { on_invalid: OnInvalid::Pass, ..rule.clone() };
+    let rules: Vec<Validity> = monitor.validity.iter().map(look).collect();
+    Checks::compile(&rules, object).map_err(|error| describe(&error))
+}
+
+/// What is wrong with the monitors of slots that do not exist yet.
+#[must_use]
+pub fn check(monitors: &[MonitorPlan], blueprints: &[Blueprint<'_>]) -> Vec<String> {
+    let wrong = |monitor: &MonitorPlan| {
+        let blueprint = blueprints.iter().find(|blueprint| blueprint.name() == monitor.port.slot)?;
+        let port = &monitor.port.port;
+        let object = blueprint.output_object(port).or_else(|| blueprint.input_object(port))?;
+        compile(monitor, object).err().map(|reason| at(&monitor.location, &reason))
+    };
+    monitors.iter().filter_map(wrong).collect()
+}
+
+impl Monitors {
+    /// Puts them to work in the place of those before.
+    pub fn follow(&mut self, before: Self) {
+        // Its thread first: two that look at one port would tell twice.
+        let Self { posts, watch } = before;
+        drop(watch);
+        for old in posts {
+            let stays = self.posts.iter().any(|post| Arc::ptr_eq(&post.input, &old.input));
+            if !stays && wiring::detach(&old.input).is_err() {
+                complain(&old.plan.port.slot, &old.input.name);
+            }
+        }
+        for post in &self.posts {
+            let planned = |output: &Arc<OutPort>| Planned { output: Arc::clone(output), checks: Checks::none() };
+            if wiring::set(&post.input, &post.writers.iter().map(planned).collect::<Vec<_>>()).is_err() {
+                complain(&post.plan.port.slot, &post.input.name);
+            }
+        }
+        self.watch = self.watched().and_then(|vigils| match Watch::start(vigils) {
+            Ok(watch) => Some(watch),
+            Err(error) => {
+                tracing::error!("monitors: no thread: silence at their ports is not noticed: {error}");
+                None
+            }
+        });
+    }
+
+    fn watched(&self) -> Option<Vec<(Arc<InPort>, Vigil)>> {
+        let inputs = self.posts.iter().map(|post| &post.input).filter(|input| input.hearing().is_some());
+        let vigils: Vec<_> = inputs.map(|input| (Arc::clone(input), Vigil::default())).collect();
+        (!vigils.is_empty()).then_some(vigils)
+    }
+}
+
+impl Watch {
+    fn start(vigils: Vec<(Arc<InPort>, Vigil)>) -> std::io::Result<Self> {
+        let shared = Arc::new(Shared { vigils: Mutex::new(vigils), over: Mutex::new(false), ended: Condvar::new() });
+        let own = Arc::clone(&shared);
+        let thread = thread::spawn("monitors", move || own.run())?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        *lock(&self.shared.over) = true;
+        self.shared.ended.notify_all();
+        // It ends at once: it holds nothing that others wait for.
+        self.thread.take().into_iter().for_each(|thread| _ = thread.join());
+    }
+}
+
+impl Shared {
+    fn run(&self) {
+        loop {
+            let due_ns = self.look();
+            let over = lock(&self.over);
+            if *over {
+                return;
+            }
+            let pause = Duration::from_nanos(due_ns.saturating_sub(clock::now_ns()));
+            let waited = self.ended.wait_timeout_while(over, pause, |over| !*over);
+            drop(waited.unwrap_or_else(PoisonError::into_inner));
+        }
+    }
+
+    /// Looks at those whose time has come; when to look next.
+    fn look(&self) -> u64 {
+        let mut vigils = lock(&self.vigils);
+        let now_ns = clock::now_ns();
+        for (input, vigil) in vigils.iter_mut().filter(|(_, vigil)| vigil.due_ns() <= now_ns) {
+            vigil.look(|| Label::new(&input.name), input);
+        }
+        vigils.iter().map(|(_, vigil)| vigil.due_ns()).min().unwrap_or(u64::MAX)
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -170,7 +170,7 @@ fn profiles(line: &Line, place: &Path) -> std::path::PathBuf {
 fn truth(place: &Path) -> Option<f64> {
     let text = std::fs::read_to_string(place.join("record")).ok()?;
     let moments = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
-    let newest = moments.filter(|line| line["kind"] == "truth").last()?;
+    let newest = moments.rev().find(|line| line["kind"] == "truth")?;
     newest["wheels"].as_array()?.iter().filter_map(Value::as_f64).map(f64::abs).reduce(f64::max)
 }
 

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 mod c {
     unsafe extern "C" {
         pub(super) fn limit_trap(call: extern "C" fn()) -> u64;
+        pub(super) fn limit_trap_and_write(fd: i32, bytes: *const u8, count: usize) -> u64;
         pub(super) fn limit_watch_prepare();
         pub(super) fn limit_watchdog();
         pub(super) fn limit_watch_end();
@@ -30,6 +31,13 @@ extern "C" fn call() {
 pub fn trap() -> u64 {
     // SAFETY: the jump stays inside the C function, over no other frame than the handler's.
     unsafe { c::limit_trap(call) }
+}
+
+/// SIGSEGV, whose handler writes the bytes to a descriptor: nanoseconds until they are written.
+#[must_use]
+pub fn trap_and_write(fd: i32, bytes: &[u8]) -> u64 {
+    // SAFETY: the bytes are valid for their length; the jump stays inside the C function, over no other frame than the handler's.
+    unsafe { c::limit_trap_and_write(fd, bytes.as_ptr(), bytes.len()) }
 }
 
 /// A panic as deep as a provoked one, `catch_unwind`, a call.

@@ -22,6 +22,12 @@ pub mod wire;
 /// What a guarded call costs.
 pub mod guard;
 
+/// The emergency stop.
+pub mod emergency;
+
+/// The fault-stop of a closure.
+pub mod fault_stop;
+
 /// Checks of values.
 pub mod validity;
 

@@ -9,7 +9,7 @@ use serde_json::Value;
 use tests::bench::load::Load;
 use tests::bench::rig::Payload;
 use tests::bench::stats::{Samples, Setting};
-use tests::bench::{erlang, guard, hang, hop, recovery, report, validity, wire};
+use tests::bench::{emergency, erlang, fault_stop, guard, hang, hop, recovery, report, validity, wire};
 
 /// As in the daemon.
 #[global_allocator]
@@ -38,7 +38,7 @@ struct Arguments {
     from: Option<PathBuf>,
 }
 
-const NAMES: [&str; 12] = [
+const NAMES: [&str; 14] = [
     "guard_cost",
     "validity_check",
     "hop_same_executor",
@@ -51,7 +51,11 @@ const NAMES: [&str; 12] = [
     "panic_recovery",
     "hang_recovery",
     "erlang_supervisor",
+    "fault_stop",
+    "emergency_stop",
 ];
+/// Fault-stops of a closure.
+const CLOSURES: usize = 30;
 /// Connections made and cut.
 const REWIRES: usize = 10_000;
 /// How long the data path of each kind is measured.
@@ -88,6 +92,7 @@ fn main() -> io::Result<()> {
                 run.data_path(load, sched)?;
                 run.recoveries(load, sched)?;
                 run.erlang(load, sched)?;
+                run.handling(load, sched)?;
             }
         }
     }
@@ -191,6 +196,16 @@ impl Run {
             }
             Err(reason) => writeln!(io::stderr(), "erlang_supervisor {load} {sched}: left out: {reason}"),
         }
+    }
+
+    fn handling(&mut self, load: &str, sched: &str) -> io::Result<()> {
+        let faults = self.arguments.faults;
+        self.hop("emergency_stop", "serial line", load, sched, || emergency::measure(sched, faults))?;
+        for shape in [fault_stop::Shape::Chain, fault_stop::Shape::Star] {
+            let stop = || fault_stop::measure(shape, sched, CLOSURES.min(faults));
+            self.hop("fault_stop", &shape.name(), load, sched, stop)?;
+        }
+        Ok(())
     }
 
     fn tell(&mut self, line: Value) -> io::Result<()> {

@@ -89,7 +89,7 @@ fn check_plugins(path: &Path, plugins: &[PathBuf]) -> io::Result<bool> {
     let catalogue = Catalogue::default().in_directories(boot::directories(&plan, plugins));
     let wrong = match blueprint::draw(&plan.slots, &catalogue) {
         Ok(blueprints) => {
-            let mut wrong = wiring::check(&plan.connections, &blueprints);
+            let mut wrong = wiring::check(&plan, &blueprints);
             wrong.extend(monitors::check(&plan.monitors, &blueprints));
             wrong
         }

@@ -162,6 +162,33 @@ fn evidence(evidence: &Value) -> String {
             let ms = |name: &str| evidence[name].as_f64().unwrap_or_default() / 1e6;
             format!("{} heard nothing for {:.1} ms of {:.1} ms", text("port"), ms("silent_ns"), ms("max_age_ns"))
         }
+        Some("model") => format!(
+            "{} {} is {}, its model {}, difference {} of {}",
+            text("port"),
+            text("field"),
+            text("target"),
+            text("model"),
+            text("difference"),
+            text("threshold")
+        ),
+        Some("vote") => format!(
+            "{} {} is {}, {} others agree on {}",
+            text("port"),
+            text("field"),
+            text("value"),
+            text("agreeing"),
+            text("agreed")
+        ),
+        Some("quorum") => {
+            format!(
+                "{} {}: {} of {} agree, {} must",
+                text("port"),
+                text("field"),
+                text("agreeing"),
+                text("members"),
+                text("require")
+            )
+        }
         Some("value") => format!("{} {} is {}, limit {}", text("port"), text("field"), text("value"), text("limit")),
         _ => String::new(),
     }

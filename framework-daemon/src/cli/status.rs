@@ -7,6 +7,7 @@ use serde_json::Map;
 
 use super::exit_code::Exit;
 use super::remote::Remote;
+use crate::control::helpers;
 use crate::control::views::{cell, status_table};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon status\n  \
@@ -37,6 +38,8 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
             head
         };
         let slots = status["slots"].as_array().map(Vec::as_slice).unwrap_or_default();
-        std::iter::once(head).chain(status_table(slots, &status["process"])).collect::<Vec<String>>()
+        let helpers = status["helpers"].as_array().map(Vec::as_slice).unwrap_or_default();
+        let all = std::iter::once(head).chain(status_table(slots, &status["process"]));
+        all.chain(helpers::lines(helpers)).collect::<Vec<String>>()
     })
 }

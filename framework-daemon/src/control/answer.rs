@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::directory::{Board, Directory};
 use super::interface::{INTERFACES, Method, PortName, Refusal};
-use super::{composites, stream, views};
+use super::{composites, helpers, stream, views};
 use crate::exec::emergency;
 use crate::fault::manager::Outlook;
 use crate::fault::order::Refused;
@@ -51,8 +51,7 @@ impl Sight {
             Method::ListPorts(None) => json!({"ports": self.all_ports()}),
             Method::ListPorts(Some(slot)) => {
                 let directory = self.directory(slot)?;
-                let own = || Ok(views::ports(stream::entry(&directory, slot)?, &directory.wires()));
-                json!({"ports": composites::ports_of(&directory, slot).map_or_else(own, Ok)?})
+                json!({"ports": ports_of(&directory, slot)?})
             }
             Method::DescribePort(name) => self.port(name)?,
             Method::ListFaults(slot, last) => {
@@ -85,8 +84,9 @@ impl Sight {
         let entries = directory.iter().flat_map(|directory| &directory.entries);
         let slots: Vec<Value> =
             entries.map(|entry| views::of_running(&entry.slot, &entry.shelf, &self.outlook)).collect();
+        let helpers: Vec<Value> = directory.iter().flat_map(|directory| helpers::all(directory)).collect();
         json!({"state": self.board.phase().name(), "emergency": emergency::latched(), "directory": self.profiles.to_string_lossy(), "pid": std::process::id(),
-            "slots": slots, "process": views::of_process(self.outlook.ledger())})
+            "slots": slots, "helpers": helpers, "process": views::of_process(self.outlook.ledger())})
     }
 
     fn components(&self) -> Vec<Value> {
@@ -99,7 +99,8 @@ impl Sight {
         let Some(directory) = self.board.newest() else { return Vec::new() };
         let wires = directory.wires();
         let own = directory.entries.iter().flat_map(|entry| views::ports(entry, &wires));
-        own.chain(composites::all_ports(&directory, &wires)).collect()
+        let voters = helpers::ports(&directory, &wires, None);
+        own.chain(voters).chain(composites::all_ports(&directory, &wires)).collect()
     }
 
     fn port(&self, name: &PortName) -> Result<Value, Refusal> {
@@ -107,12 +108,26 @@ impl Sight {
         let shown = composites::ports_of(&directory, &name.slot);
         let shown = shown.and_then(|ports| ports.into_iter().find(|port| port["port"] == *name.port));
         let name = &*composites::inner(&directory, name);
+        if let Some(output) = directory.output(&name.slot, &name.port).filter(|_| directory.entry(&name.slot).is_none())
+        {
+            let port = helpers::ports(&directory, &directory.wires(), Some(&name.slot)).into_iter().next();
+            return Ok(json!({"port": shown.or(port), "layout": views::layout(output.object)}));
+        }
         let entry = stream::entry(&directory, &name.slot)?;
         let found = views::ports(entry, &directory.wires()).into_iter().find(|port| port["port"] == *name.port);
         let missing = || Refusal::NoSuchPort(name.clone(), entry.missing(&name.port));
         let (port, layout) = found.zip(views::port_layout(&entry.slot, &name.port)).ok_or_else(missing)?;
         Ok(json!({"port": shown.unwrap_or(port), "layout": layout}))
     }
+}
+
+/// The ports of a slot, a voter or a composite.
+fn ports_of(directory: &Directory, slot: &str) -> Result<Vec<Value>, Refusal> {
+    let shown = composites::ports_of(directory, slot);
+    let wires = directory.wires();
+    let voter = || Some(helpers::ports(directory, &wires, Some(slot))).filter(|ports| !ports.is_empty());
+    let own = || Ok(views::ports(stream::entry(directory, slot)?, &wires));
+    shown.or_else(voter).map_or_else(own, Ok)
 }
 
 /// An operator wires ports as a component does: on the spot, and nobody waits.

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::directory::{Directory, Wires};
 use super::interface::PortName;
-use super::views;
+use super::{helpers, views};
 use crate::profile::plan::{CompositePlan, PortRef};
 
 /// All composites, each as the slots in it are together.
@@ -63,7 +63,8 @@ fn shown(directory: &Directory, composite: &CompositePlan) -> Value {
 
 fn ports(directory: &Directory, composite: &CompositePlan, wires: &Wires) -> Vec<Value> {
     let exported = |(name, inner): &(String, PortRef)| {
-        let all = directory.entry(&inner.slot).map(|entry| views::ports(entry, wires)).unwrap_or_default();
+        let own = directory.entry(&inner.slot).map(|entry| views::ports(entry, wires));
+        let all = own.unwrap_or_else(|| helpers::ports(directory, wires, Some(&inner.slot)));
         // The port itself, or the methods of a service: `motors/drive`.
         let shown = |mut port: Value| {
             let own = port["port"].as_str()?.to_owned();

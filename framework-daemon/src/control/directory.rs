@@ -11,14 +11,18 @@ use std::time::{Duration, Instant};
 
 use crate::exec::slot::Slot;
 use crate::exec::workshop::Shelf;
-use crate::profile::plan::{CompositePlan, Plan, SlotPlan};
+use crate::port::output::OutPort;
+use crate::profile::plan::{CompositePlan, Plan, PortRef, SlotPlan};
 use crate::profile::suggest;
+use crate::supervise::helpers::Helpers;
 use crate::supervise::system::System;
 
 /// All that runs.
 pub struct Directory {
     /// Slots in the order in which they were started.
     pub entries: Vec<Entry>,
+    /// Models and voters among them.
+    pub helpers: Helpers,
     plan: Arc<Plan>,
     places: HashMap<&'static str, usize>,
 }
@@ -59,13 +63,20 @@ impl Directory {
         };
         let entries: Vec<Entry> = system.slots.iter().filter_map(entry).collect();
         let places = entries.iter().enumerate().map(|(place, entry)| (entry.slot.name, place)).collect();
-        Self { entries, plan: Arc::clone(&system.plan), places }
+        Self { entries, helpers: system.helpers.clone(), plan: Arc::clone(&system.plan), places }
     }
 
     /// The slot of that name.
     #[must_use]
     pub fn entry(&self, name: &str) -> Option<&Entry> {
         self.places.get(name).and_then(|place| self.entries.get(*place))
+    }
+
+    /// The data output of that name: a slot's, or a voter's.
+    #[must_use]
+    pub fn output(&self, slot: &str, port: &str) -> Option<Arc<OutPort>> {
+        let own = self.entry(slot).and_then(|entry| entry.slot.output(port));
+        own.cloned().or_else(|| self.helpers.output(&PortRef { slot: slot.to_owned(), port: port.to_owned() }).cloned())
     }
 
     /// What the profiles say of a slot.
@@ -84,7 +95,9 @@ impl Directory {
     #[must_use]
     pub fn missing(&self, name: &str) -> String {
         let composites = self.composites().iter().map(|composite| composite.name.as_str());
-        let known: Vec<&str> = self.entries.iter().map(|entry| entry.slot.name).chain(composites).collect();
+        let voters = self.helpers.named().map(|(name, _)| name);
+        let slots = self.entries.iter().map(|entry| entry.slot.name);
+        let known: Vec<&str> = slots.chain(composites).chain(voters).collect();
         let hint = suggest::hint(name, &known, |name| format!("`{name}`"));
         format!("there is no slot `{name}`; {}", hint.unwrap_or_else(|| "`component list` shows all".to_owned()))
     }
@@ -147,13 +160,7 @@ impl Directory {
         }
         for Entry { slot, .. } in &self.entries {
             let own = |port: &str| End { slot: slot.name, port: port.to_owned() };
-            for port in slot.outputs.iter().chain(&slot.events.outputs) {
-                for target in port.links().iter().map(|link| address(Arc::as_ptr(&link.target))) {
-                    if let Some(end) = served.get(&target) {
-                        wires.join((address(Arc::as_ptr(port)), &own(&port.name)), (target, end));
-                    }
-                }
-            }
+            join_outputs(slot.outputs.iter().chain(&slot.events.outputs), slot.name, &served, &mut wires);
             let asking =
                 slot.requestors.iter().map(|port| (address(Arc::as_ptr(port)), &port.name, address(port.peer())));
             let clients = slot.events.clients.iter();
@@ -164,7 +171,26 @@ impl Directory {
                 }
             }
         }
+        for (name, voter) in self.helpers.named() {
+            join_outputs(std::iter::once(&voter.helper.parts().output), name, &served, &mut wires);
+        }
         wires
+    }
+}
+
+fn join_outputs<'a>(
+    outputs: impl Iterator<Item = &'a Arc<OutPort>>,
+    slot: &'static str,
+    served: &HashMap<usize, End>,
+    wires: &mut Wires,
+) {
+    for port in outputs {
+        let own = End { slot, port: port.name.clone() };
+        for target in port.links().iter().map(|link| address(Arc::as_ptr(&link.target))) {
+            if let Some(end) = served.get(&target) {
+                wires.join((address(Arc::as_ptr(port)), &own), (target, end));
+            }
+        }
     }
 }
 
@@ -289,7 +315,8 @@ mod tests {
             reference_models: Vec::new(),
             votings: Vec::new(),
         };
-        let directory = Directory { entries: Vec::new(), plan: Arc::new(plan), places: HashMap::new() };
+        let helpers = Helpers::default();
+        let directory = Directory { entries: Vec::new(), helpers, plan: Arc::new(plan), places: HashMap::new() };
         let (mut publisher, directory) = (Publisher::default(), Arc::new(directory));
         publisher.replace(Some(directory));
         let held = publisher.board().newest();

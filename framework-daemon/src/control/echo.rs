@@ -107,16 +107,13 @@ fn taps(directory: &Directory, name: &PortName) -> Result<Vec<Tap>, Refusal> {
 
 /// An output itself; for an input those who write to it.
 fn writers(directory: &Directory, name: &PortName) -> Result<Vec<(Arc<OutPort>, String)>, Refusal> {
-    let entry = entry(directory, &name.slot)?;
-    if let Some(output) = entry.slot.output(&name.port) {
-        return Ok(vec![(Arc::clone(output), format!("{}.{}", name.slot, name.port))]);
+    if let Some(output) = directory.output(&name.slot, &name.port) {
+        return Ok(vec![(output, format!("{}.{}", name.slot, name.port))]);
     }
+    let entry = entry(directory, &name.slot)?;
     let Some(input) = entry.slot.input(&name.port) else { return Err(carries_none(entry, name)) };
     let wires = directory.wires();
-    let writer = |end: &super::directory::End| {
-        let output = directory.entry(end.slot)?.slot.output(&end.port)?;
-        Some((Arc::clone(output), end.to_string()))
-    };
+    let writer = |end: &super::directory::End| Some((directory.output(end.slot, &end.port)?, end.to_string()));
     Ok(wires.of(input).iter().filter_map(writer).collect())
 }
 

@@ -25,6 +25,9 @@ use crate::sys::thread;
 mod answer;
 mod composites;
 
+/// Models and voters as they are shown.
+pub mod helpers;
+
 /// The command line's side.
 pub mod client;
 

@@ -1,5 +1,6 @@
 //! Answers that come bit by bit: faults as they happen, the rate of a port.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
@@ -123,17 +124,20 @@ pub(super) fn entry<'a>(directory: &'a Directory, slot: &str) -> Result<&'a Entr
 
 /// An input itself; for an output the reader whose only writer it is, or else the first.
 fn measuring_point(directory: &Directory, name: &PortName) -> Result<End, Refusal> {
-    let entry = entry(directory, &name.slot)?;
-    if entry.slot.reader(&name.port).is_some() {
-        return Ok(End { slot: entry.slot.name, port: name.port.clone() });
-    }
-    let Some(output) = entry.slot.writer(&name.port) else {
-        return Err(no_rate(entry, name));
+    let output = match directory.output(&name.slot, &name.port) {
+        Some(output) => output,
+        None => {
+            let entry = entry(directory, &name.slot)?;
+            if entry.slot.reader(&name.port).is_some() {
+                return Ok(End { slot: entry.slot.name, port: name.port.clone() });
+            }
+            Arc::clone(entry.slot.writer(&name.port).ok_or_else(|| no_rate(entry, name))?)
+        }
     };
     let wires = directory.wires();
     let writers =
         |end: &&End| directory.entry(end.slot).and_then(|reader| Some(wires.of(reader.slot.reader(&end.port)?).len()));
-    let best = wires.of(output).iter().min_by_key(|end| writers(end).unwrap_or(usize::MAX));
+    let best = wires.of(&output).iter().min_by_key(|end| writers(end).unwrap_or(usize::MAX));
     best.cloned().ok_or_else(|| {
         let reason = format!("nobody reads {}.{}: values are counted where they arrive", name.slot, name.port);
         Refusal::NotMeasurable(name.clone(), reason)

@@ -231,9 +231,12 @@ fn input(slot: &str, port: &InPort, writers: &[End]) -> Value {
     fields
 }
 
-fn output(slot: &str, port: &OutPort, readers: &[End]) -> Value {
+pub(super) fn output(slot: &str, port: &OutPort, readers: &[End]) -> Value {
     let mut fields = json!({"slot": slot, "port": port.name, "direction": "output", "type": port.object.name.as_str(),
         "connections": names(readers)});
+    if let Some(taps) = port.taps() {
+        fields["heard_by"] = taps.iter().map(|tap| tap.name()).collect::<Vec<_>>().into();
+    }
     let monitors = monitors(port);
     if !monitors.is_empty() {
         fields["monitors"] = monitors.into();

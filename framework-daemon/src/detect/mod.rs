@@ -9,6 +9,12 @@ pub mod deadline;
 /// Silence of a port.
 pub mod freshness;
 
+/// A signal against a model of it.
+pub mod model_diff;
+
+/// Redundant values, one of which is handed on.
+pub mod vote;
+
 /// Whether memory may be damaged after a fault.
 pub mod taint;
 

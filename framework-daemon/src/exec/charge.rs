@@ -5,6 +5,7 @@ use super::member::{Crew, Member};
 use super::slot::Slot;
 use crate::model::fault::Fault;
 use crate::model::lifecycle::State;
+use crate::port::charge::Accused;
 
 impl Slot {
     /// Charges the slot with a fault that somebody else saw, from any thread: no lock, no allocation. False: too many wait

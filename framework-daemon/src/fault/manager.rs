@@ -14,6 +14,7 @@ use super::handle::{Cast, Handler, Line, Reasons};
 use super::journal::Journal;
 use super::ledger::{Ledger, Verdict};
 use super::order::Order;
+use super::words;
 use crate::exec::emergency::{self, Notice};
 use crate::exec::recover::lost_events;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Memory, Outcome, RestartRequest, Stage};
@@ -321,6 +322,9 @@ fn describe(fault: &Fault, origin: &Origin) -> String {
     match &fault.evidence {
         Evidence::Value { port, field, value, limit } if fault.symptom != Symptom::Overload => {
             text = value_in_words(port.as_str(), field.as_str(), *value, *limit);
+        }
+        Evidence::Model { .. } | Evidence::Vote { .. } | Evidence::Quorum { .. } => {
+            text = words::of_helper(&fault.evidence).unwrap_or(text);
         }
         Evidence::Silence { silent_ns, max_age_ns, .. } => {
             text.push_str(&format!(" heard nothing for {}, at most {}", time(*silent_ns), time(*max_age_ns)));

@@ -31,3 +31,6 @@ pub mod order;
 
 /// How all slots are, and what follows; pure.
 pub mod situation;
+
+/// What models and voters found, in words.
+pub mod words;

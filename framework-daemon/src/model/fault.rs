@@ -131,6 +131,51 @@ pub enum Evidence {
         /// The bound that it crossed.
         limit: f64,
     },
+    /// A signal that is not what its model says.
+    Model {
+        /// Slot and port that sent it.
+        port: Label,
+        /// Field that was compared.
+        field: Label,
+        /// The signal, filtered: its mean, or its change per second.
+        target: f64,
+        /// The model, likewise.
+        model: f64,
+        /// By how much they differ.
+        difference: f64,
+        /// By how much they may.
+        threshold: f64,
+        /// Over which time they were filtered, in nanoseconds.
+        window_ns: u64,
+    },
+    /// A value that does not agree with what others measured.
+    Vote {
+        /// Slot and port that sent it.
+        port: Label,
+        /// Field that was voted over.
+        field: Label,
+        /// What it said.
+        value: f64,
+        /// What the others agreed on.
+        agreed: f64,
+        /// How many they are.
+        agreeing: u32,
+        /// Largest difference that counts as equal.
+        tolerance: f64,
+    },
+    /// A vote in which too few agreed.
+    Quorum {
+        /// Voter and port that should have handed something on.
+        port: Label,
+        /// Field that was voted over.
+        field: Label,
+        /// How many agreed.
+        agreeing: u32,
+        /// How many must.
+        require: u32,
+        /// How many may vote.
+        members: u32,
+    },
     /// Nothing arrived.
     Silence {
         /// Slot and port that waited.
@@ -181,7 +226,10 @@ impl Evidence {
             Self::Trap(trap) => trap.signal_name(),
             Self::Panic { message, .. } | Self::Text { message } => message.as_str(),
             Self::Value { field, .. } => field.as_str(),
-            Self::Silence { port, .. } => port.as_str(),
+            Self::Silence { port, .. }
+            | Self::Model { port, .. }
+            | Self::Vote { port, .. }
+            | Self::Quorum { port, .. } => port.as_str(),
             Self::Time { .. } => "it returned late",
             Self::Recovery { .. } => "it recovered later than declared",
         }

@@ -112,6 +112,10 @@ pub const NEAR_BYTES: usize = 4_096;
 pub const SPARE_PAUSE_MIN: Duration = Duration::from_millis(100);
 /// Longest such pause.
 pub const SPARE_PAUSE_MAX: Duration = Duration::from_secs(10);
+/// Most members of one vote.
+pub const VOTERS: usize = 16;
+/// How long a member of a vote may say nothing before it is left out, where its profile does not say.
+pub const VOTER_AGE: Duration = Duration::from_secs(1);
 
 /// Largest plugin file.
 pub const PLUGIN_FILE_BYTES: u64 = 1 << 30;
@@ -255,6 +259,7 @@ pub const RATE_WINDOW_MAX: Duration = Duration::from_secs(3_600);
 /// Lines of the fault manager that are kept for whoever asks later.
 pub const FEED_LINES: usize = 1_024;
 
+const _: () = assert!(VOTERS <= 64, "a set of members is one word");
 const _: () = assert!(COMPOSITE_DEPTH < PROFILE_FILES);
 const _: () =
     assert!(CONTROL_PATIENCE.as_nanos() < CONTROL_ANSWER.as_nanos(), "a client that waits for a place gets it");

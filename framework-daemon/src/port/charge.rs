@@ -20,6 +20,17 @@ pub fn lost() -> u64 {
     LOST.load(Ordering::Relaxed)
 }
 
+/// Counts one that found the fault manager's queue full.
+pub(super) fn count_lost() {
+    LOST.fetch_add(1, Ordering::Relaxed);
+}
+
+/// Whoever answers for what a port sends.
+pub trait Accused: Send + Sync {
+    /// Charges it with a fault, from any thread. False: it was lost, which is counted.
+    fn charge(&self, fault: &Fault) -> bool;
+}
+
 /// What others charge a slot with.
 pub struct Charges {
     queue: ArrayQueue<Fault>,
@@ -33,20 +44,22 @@ impl Charges {
         Self { queue: ArrayQueue::new(CHARGES), signal }
     }
 
-    /// Charges the slot with a fault, from any thread. False: so many wait already that it was lost, which is counted.
-    pub fn charge(&self, fault: &Fault) -> bool {
-        let is_taken = self.queue.push(*fault).is_ok();
-        if !is_taken {
-            LOST.fetch_add(1, Ordering::Relaxed);
-        }
-        self.signal.ring(Ring::Charge);
-        is_taken
-    }
-
     /// The next one. The slot's executor.
     #[must_use]
     pub fn next(&self) -> Option<Fault> {
         self.queue.pop()
+    }
+}
+
+impl Accused for Charges {
+    /// False: so many wait already.
+    fn charge(&self, fault: &Fault) -> bool {
+        let is_taken = self.queue.push(*fault).is_ok();
+        if !is_taken {
+            count_lost();
+        }
+        self.signal.ring(Ring::Charge);
+        is_taken
     }
 }
 

@@ -73,6 +73,18 @@ pub fn take_report() -> Option<Report> {
     if seat::take(Note::Found) { REPORT.take() } else { None }
 }
 
+/// What is found in the meantime, apart from what was found before: somebody else's.
+pub(super) fn apart<R>(act: impl FnOnce() -> R) -> (R, Option<Report>) {
+    let before = take_report();
+    let result = act();
+    let found = take_report();
+    if let Some(before) = before {
+        seat::leave(Note::Found);
+        REPORT.set(Some(before));
+    }
+    (result, found)
+}
+
 /// False: there is one already. The first one of a callback is kept: what follows it may be its consequence.
 fn report(symptom: Symptom, evidence: Evidence) -> bool {
     let is_first = seat::leave(Note::Found);

@@ -51,6 +51,11 @@ pub mod pattern;
 /// Who listens at an output.
 pub mod tap;
 
+/// A model and its target, compared.
+pub mod comparer;
+/// Redundant outputs, voted over.
+pub mod voter;
+
 /// The table behind port handles.
 pub mod table;
 

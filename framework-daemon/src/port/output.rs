@@ -3,6 +3,8 @@
 //! The callbacks of the slot, one thread at a time, lend, fill and send without a lock. Threads that a component started take
 //! turns beside them, with blocks of their own, made when they first write.
 
+mod hand_on;
+
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use component_sdk::abi::payload::LoanResult;
@@ -12,7 +14,7 @@ use component_sdk::status::Status;
 use crossbeam_queue::ArrayQueue;
 
 use super::block::Sample;
-use super::charge::Charges;
+use super::charge::Accused;
 use super::check::{self, Candidate, Checks, Verdict};
 use super::exchange::{Busy, Exchange};
 use super::input::{InPort, Pushed};
@@ -96,6 +98,14 @@ struct Table {
     way: Way,
 }
 
+impl Table {
+    /// Blocks that whoever reads or listens may hold at once.
+    fn held(&self) -> usize {
+        let listening = self.taps.iter().flat_map(|taps| taps.iter()).map(|tap| tap.holds());
+        self.links.iter().map(|link| link.target.capacity()).chain(listening).sum()
+    }
+}
+
 /// What an output does with all that is written to it.
 fn own_way(checks: &Checks, outlet: &Outlet) -> Way {
     match (checks.is_empty(), outlet.is_plain()) {
@@ -118,7 +128,7 @@ pub struct OutPort {
     pub checks: Checks,
     outlet: Arc<Outlet>,
     /// Of its slot.
-    charges: OnceLock<Arc<Charges>>,
+    charges: OnceLock<Arc<dyn Accused>>,
     table: Exchange<Table>,
     blanks: ArrayQueue<Vec<Link>>,
     blocks: Pool,
@@ -187,12 +197,11 @@ impl OutPort {
 
     /// A table of these links, and blocks for it.
     fn furnish(&self, links: Vec<Link>, taps: Option<Taps>) -> Table {
-        let held = taps.iter().flat_map(|taps| taps.iter()).map(|tap| tap.holds());
-        let held = links.iter().map(|link| link.target.capacity()).chain(held).sum::<usize>();
-        self.blocks.grow_to(held + SPARE_BLOCKS);
         let ways = links.iter().map(Link::way).chain([own_way(&self.checks, &self.outlet)]);
         let way = ways.chain(taps.as_ref().map(|_| Way::Judged)).max().unwrap_or_default();
-        Table { links, taps, way }
+        let table = Table { links, taps, way };
+        self.blocks.grow_to(table.held() + SPARE_BLOCKS);
+        table
     }
 
     fn keep(&self, mut links: Vec<Link>) {
@@ -212,8 +221,14 @@ impl OutPort {
     }
 
     /// Says which slot it belongs to; once.
-    pub fn belong_to(&self, charges: Arc<Charges>) {
+    pub fn belong_to(&self, charges: Arc<dyn Accused>) {
         let _ = self.charges.set(charges);
+    }
+
+    /// Who answers for what it sends.
+    #[must_use]
+    pub fn accused(&self) -> Option<Arc<dyn Accused>> {
+        self.charges.get().cloned()
     }
 
     /// Charges its slot with a fault that somebody else saw. False: it was lost, which is counted, or nobody's.

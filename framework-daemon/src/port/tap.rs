@@ -75,23 +75,14 @@ pub struct Probe {
     path: FieldPath,
 }
 
-/// Why there is no probe.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ProbeError {
-    /// The path leads nowhere.
-    Path(PathError),
-    /// It names several numbers.
-    Several,
-}
-
 impl Probe {
     /// The number of that field: `linear.x`, `ticks[2]`. The empty path is the object itself.
     ///
     /// # Errors
     /// When the path names no number, or several.
-    pub fn new(object: &'static TypeDescriptor, field: &str) -> Result<Self, ProbeError> {
-        let path = FieldPath::resolve(object, field).map_err(ProbeError::Path)?;
-        if path.is_single() { Ok(Self { object, path }) } else { Err(ProbeError::Several) }
+    pub fn new(object: &'static TypeDescriptor, field: &str) -> Result<Self, PathError> {
+        let path = FieldPath::resolve(object, field)?;
+        if path.is_single() { Ok(Self { object, path }) } else { Err(PathError::Several) }
     }
 }
 
@@ -200,8 +191,8 @@ mod tests {
         let value = (&raw const number).cast();
         let heard = Heard { value, object: u64::DESCRIPTOR, at_ns: 1, sample: &|| None };
         assert_eq!(heard.number(&probe), None);
-        assert!(matches!(Probe::new(f64::DESCRIPTOR, "x"), Err(ProbeError::Path(_))));
-        assert_eq!(Probe::new(<[f64; 2]>::DESCRIPTOR, "").unwrap_err(), ProbeError::Several);
+        assert!(matches!(Probe::new(f64::DESCRIPTOR, "x"), Err(PathError::Unknown { .. })));
+        assert_eq!(Probe::new(<[f64; 2]>::DESCRIPTOR, "").unwrap_err(), PathError::Several);
     }
 
     proptest! {

@@ -9,10 +9,11 @@ use super::component;
 use super::composite::{self, Export};
 use super::diagnostic::Reporter;
 use super::fault_rules::{self, Declared};
-use super::plan::{OnGone, PortKind, Property, Validity, VotingMethod};
+use super::plan::{Measure, OnGone, PortKind, Property, Validity, VotingMethod};
 use super::quantity;
 use super::source::{Spot, Word};
 use super::xml::Element;
+use crate::model::limits;
 
 /// Slots and their connections: an application or a composite.
 #[derive(Clone, Debug, Serialize)]
@@ -132,11 +133,15 @@ pub struct ReferenceModel {
     pub input: Word,
     /// What it is compared with: `slot.port`.
     pub target: Word,
+    /// Its port that is compared; empty: the one that fits.
+    pub output: Word,
     /// Field that is compared.
     pub field: String,
+    /// What of it is compared.
+    pub measure: Measure,
     /// Sliding window.
     pub window: Duration,
-    /// Largest mean difference.
+    /// Largest difference of the filtered signals.
     pub threshold: f64,
     /// Where the element stands.
     #[serde(skip)]
@@ -146,6 +151,8 @@ pub struct ReferenceModel {
 /// A `<voting>` as written.
 #[derive(Clone, Debug, Serialize)]
 pub struct Voting {
+    /// The slot that hands the winner on; empty: nothing is handed on.
+    pub name: Word,
     /// Slots or ports (`slot.port`).
     pub inputs: Vec<Word>,
     /// How.
@@ -154,6 +161,10 @@ pub struct Voting {
     pub tolerance: f64,
     /// Field that is compared.
     pub field: String,
+    /// An input that is silent for longer is left out.
+    pub max_age: Option<Duration>,
+    /// How many must agree.
+    pub require: Option<usize>,
     /// Where the element stands.
     #[serde(skip)]
     pub spot: Spot,
@@ -277,7 +288,6 @@ fn monitor(element: &Element, report: &mut Reporter) -> Monitor {
 }
 
 fn reference_model(element: &Element, report: &mut Reporter) -> ReferenceModel {
-    report.not_active(element.name_span, "<reference_model>");
     let threshold = quantity::number(element.value_of("threshold")).unwrap_or(0.0);
     if threshold < 0.0 {
         report.error(report.value_word(element, "threshold").spot.span, "threshold must not be negative");
@@ -290,7 +300,9 @@ fn reference_model(element: &Element, report: &mut Reporter) -> ReferenceModel {
         component: report.value_word(element, "component"),
         input: report.value_word(element, "input"),
         target: report.value_word(element, "target"),
+        output: report.value_word(element, "output"),
         field: element.value_of("field").to_owned(),
+        measure: if element.value_of("compare") == "rate" { Measure::Rate } else { Measure::Value },
         window,
         threshold,
         spot: report.spot(element.name_span),
@@ -300,17 +312,36 @@ fn reference_model(element: &Element, report: &mut Reporter) -> ReferenceModel {
 fn voting(element: &Element, report: &mut Reporter) -> Voting {
     /// Two can disagree, but only three can outvote one.
     const LEAST: usize = 3;
-    report.not_active(element.name_span, "<voting>");
     let inputs = report.value_words(element, "inputs");
     if !inputs.is_empty() && inputs.len() < LEAST {
         let span = report.value_word(element, "inputs").spot.span;
         report.error(span, format!("a vote needs at least {LEAST} inputs, here are {}", inputs.len()));
     }
+    if let Some(beyond) = inputs.get(limits::VOTERS) {
+        report.error(beyond.spot.span, format!("more than {} inputs of one vote", limits::VOTERS));
+    }
+    let tolerance = quantity::number(element.value_of("tolerance")).unwrap_or(0.0);
+    if tolerance < 0.0 {
+        report.error(report.value_word(element, "tolerance").spot.span, "tolerance must not be negative");
+    }
+    let require = element.attribute("require").and_then(|require| require.value.parse().ok());
+    if let Some(require) = require.filter(|require| *require > inputs.len()) {
+        let span = report.value_word(element, "require").spot.span;
+        report.error(span, format!("requires {require} of {}", inputs.len())).hint =
+            Some("require is at most the number of inputs".to_owned());
+    }
     Voting {
+        name: report.value_word(element, "name"),
         inputs,
-        method: if element.value_of("method") == "majority" { VotingMethod::Majority } else { VotingMethod::Median },
-        tolerance: quantity::number(element.value_of("tolerance")).unwrap_or(0.0),
+        method: match element.value_of("method") {
+            "majority" => VotingMethod::Majority,
+            "weighted" => VotingMethod::Weighted,
+            _ => VotingMethod::Median,
+        },
+        tolerance,
         field: element.value_of("field").to_owned(),
+        max_age: fault_rules::positive(element, "max_age", report),
+        require,
         spot: report.spot(element.name_span),
     }
 }

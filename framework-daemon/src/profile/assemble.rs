@@ -11,7 +11,9 @@ use super::application::{Assembly, Subcomponent};
 use super::diagnostic::{Diagnostic, Level};
 use super::document::{Document, Profile};
 use super::files::{self, Files};
-use super::plan::{CompositePlan, ConnectionPlan, ExecutorPlan, Location, PortKind, PortRef, SlotPlan};
+use super::plan::{
+    CompositePlan, ConnectionPlan, ExecutorPlan, Location, PortKind, PortRef, ReferenceModelPlan, SlotPlan, VotingPlan,
+};
 use super::source::{Spot, Word};
 use super::wire::Port;
 use crate::model::limits;
@@ -23,6 +25,8 @@ pub enum Placed {
     Slot(usize),
     /// A composite: its exported ports and the slots in it.
     Composite(Vec<Port>, Vec<usize>),
+    /// A voter: its output.
+    Voter(Box<Port>),
     /// Something that could not be read; reported where it is declared.
     Broken,
 }
@@ -68,6 +72,10 @@ pub struct Assembler {
     composites: usize,
     /// Those that are placed whole, inner ones first.
     pub placed_composites: Vec<CompositePlan>,
+    /// Slots that are compared with models.
+    pub(super) placed_models: Vec<ReferenceModelPlan>,
+    /// Outputs that are voted over.
+    pub(super) placed_votings: Vec<VotingPlan>,
     /// How many properties all slots have.
     pub(super) properties: usize,
     /// True where references are not followed.
@@ -115,9 +123,11 @@ impl Assembler {
             let placed = self.subcomponent(files, &document.path, subcomponent, prefix);
             scope.insert(name.text.clone(), placed);
         }
+        self.votings(assembly, prefix, &mut scope);
         for connection in &assembly.connections {
             self.connection(connection, &scope);
         }
+        self.reference_models(assembly, &scope);
         let exports = self.exports(assembly, &scope);
         self.placements.push(Placement { document: Arc::clone(document), scope });
         (exports, (first_slot..self.slots.len()).collect())

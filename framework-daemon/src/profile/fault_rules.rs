@@ -18,7 +18,7 @@ use crate::model::limits;
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
 /// Symptoms that no detector reports yet.
-const NOT_DETECTED: [Symptom; 4] = [Symptom::Type, Symptom::Model, Symptom::Vote, Symptom::Device];
+const NOT_DETECTED: [Symptom; 2] = [Symptom::Type, Symptom::Device];
 
 /// `fault_tolerance` as written, references not yet resolved.
 #[derive(Clone, Debug, Serialize)]
@@ -198,7 +198,7 @@ fn coverage(element: &Element) -> Coverage {
 }
 
 /// A time in an attribute that must be more than nothing.
-fn positive(element: &Element, name: &str, report: &mut Reporter) -> Option<Duration> {
+pub(super) fn positive(element: &Element, name: &str, report: &mut Reporter) -> Option<Duration> {
     let attribute = element.attribute(name)?;
     let time = quantity::duration(&attribute.value).ok()?;
     if time.is_zero() {

@@ -56,6 +56,9 @@ pub mod inherit;
 /// Connections: both ends resolved and checked.
 pub mod wire;
 
+/// Models and voters that the framework inserts.
+pub mod helpers;
+
 /// What no file can tell alone.
 pub mod validate;
 

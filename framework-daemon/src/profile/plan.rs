@@ -10,9 +10,12 @@ use std::time::Duration;
 use serde::{Serialize, Serializer};
 
 pub use super::composite::CompositePlan;
+pub use super::helpers::{ReferenceModelPlan, VotingPlan};
 pub use super::needs::{ApplicationDependencyPlan, DependencyPlan, NeededPlan};
 pub use super::push::PushPlan;
 pub use super::system::OnTaint;
+pub use crate::detect::model_diff::Measure;
+pub use crate::detect::vote::Method as VotingMethod;
 pub use crate::model::schedule::{Policy, Schedule};
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
@@ -59,9 +62,9 @@ pub struct Plan {
     pub order: Vec<(String, String)>,
     /// Ports that a helper watches (not active yet).
     pub monitors: Vec<MonitorPlan>,
-    /// Slots compared with a model (not active yet).
+    /// Slots compared with a model.
     pub reference_models: Vec<ReferenceModelPlan>,
-    /// Redundant outputs that are voted over (not active yet).
+    /// Redundant outputs that are voted over.
     pub votings: Vec<VotingPlan>,
 }
 
@@ -107,51 +110,6 @@ pub struct MonitorPlan {
     pub max_age: Option<Duration>,
     /// Where it was declared.
     pub location: Location,
-}
-
-/// A slot compared with a model of it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ReferenceModelPlan {
-    /// The slot that is the model.
-    pub slot: String,
-    /// What feeds the model.
-    pub input: PortRef,
-    /// What the model is compared with.
-    pub target: PortRef,
-    /// Field that is compared; empty: the object is a single number.
-    pub field: String,
-    /// Sliding window.
-    pub window: Duration,
-    /// Largest mean difference in the window.
-    pub threshold: f64,
-    /// Where it was declared.
-    pub location: Location,
-}
-
-/// Redundant outputs that are voted over.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct VotingPlan {
-    /// The ports; the port's name is empty where only a slot was named.
-    pub inputs: Vec<PortRef>,
-    /// How.
-    pub method: VotingMethod,
-    /// Largest difference that still counts as equal.
-    pub tolerance: f64,
-    /// Field that is compared; empty: the object is a single number.
-    pub field: String,
-    /// Where it was declared.
-    pub location: Location,
-}
-
-/// How a vote is counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum VotingMethod {
-    /// The middle value.
-    #[default]
-    Median,
-    /// What most say, within the tolerance.
-    Majority,
 }
 
 /// One declared executor thread.

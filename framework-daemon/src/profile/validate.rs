@@ -4,20 +4,16 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
-use super::application::{Assembly, Dependency, End, ReferenceModel, Voting};
-use super::assemble::{Assembler, Placed, Placement, Scope};
+use super::application::{Assembly, Dependency};
+use super::assemble::{Assembler, Placement, Scope};
 use super::diagnostic::{Diagnostic, Level};
 use super::document::{Document, Profile};
 use super::files::Files;
 use super::load::system_plan;
-use super::plan::{
-    ApplicationDependencyPlan, Coverage, DependencyPlan, MonitorPlan, NeededPlan, Plan, PortKind, PortRef,
-    ReferenceModelPlan, SlotPlan, VotingPlan,
-};
+use super::plan::{ApplicationDependencyPlan, Coverage, DependencyPlan, MonitorPlan, NeededPlan, Plan, SlotPlan};
 use super::source::{Spot, Word};
 use super::suggest;
 use super::system::SystemProfile;
-use super::wire::{Port, ports_of};
 use crate::model::symptom::{Severity, Symptom};
 
 /// Who needs whom, and where that was written.
@@ -45,6 +41,8 @@ pub fn finish(
     plan.slots = assembler.slots;
     plan.connections = assembler.connections;
     plan.composites = assembler.placed_composites;
+    plan.reference_models = assembler.placed_models;
+    plan.votings = assembler.placed_votings;
     plan.composites.sort_by(|one, other| one.name.cmp(&other.name));
     findings.extend(assembler.findings);
     plan
@@ -133,10 +131,10 @@ impl Validator {
     }
 
     fn dependency(&mut self, dependency: &Dependency, scope: &Scope, edges: &mut Edges) {
-        let dependents = self.slots_called(&dependency.dependent, scope);
+        let dependents = self.assembler.slots_called(&dependency.dependent, scope);
         let mut on = Vec::new();
         for word in &dependency.on {
-            let slots = self.slots_called(word, scope);
+            let slots = self.assembler.slots_called(word, scope);
             for slot in &slots {
                 for dependent in &dependents {
                     edges.entry(dependent.clone()).or_default().push((slot.clone(), word.spot.clone()));
@@ -157,7 +155,8 @@ impl Validator {
 
     fn order(&mut self, assembly: &Assembly, scope: &Scope, edges: &mut Edges) {
         for (source, target) in &assembly.order {
-            let (sources, targets) = (self.slots_called(source, scope), self.slots_called(target, scope));
+            let (sources, targets) =
+                (self.assembler.slots_called(source, scope), self.assembler.slots_called(target, scope));
             for source in &sources {
                 for later in &targets {
                     edges.entry(source.clone()).or_default().push((later.clone(), target.spot.clone()));
@@ -167,114 +166,16 @@ impl Validator {
         }
     }
 
-    /// The slots that a name of the assembly stands for: one, or all of a composite.
-    fn slots_called(&mut self, word: &Word, scope: &Scope) -> Vec<String> {
-        let indices = match scope.get(&word.text) {
-            Some(Placed::Slot(index)) => vec![*index],
-            Some(Placed::Composite(_, slots)) => slots.clone(),
-            Some(Placed::Broken) => Vec::new(),
-            None if word.text.is_empty() => Vec::new(),
-            None => {
-                self.assembler.unknown_slot(word, scope);
-                Vec::new()
-            }
-        };
-        indices.iter().filter_map(|index| self.assembler.slots.get(*index)).map(|slot| slot.name.clone()).collect()
-    }
-
     fn helpers(&mut self, assembly: &Assembly, scope: &Scope) {
         for monitor in &assembly.monitors {
-            let Some(port) = self.data_port(&monitor.port, scope) else { continue };
+            let Some(port) = self.assembler.data_port(&monitor.port, scope) else { continue };
             self.plan.monitors.push(MonitorPlan {
-                port,
+                port: port.end,
                 validity: monitor.validity.clone(),
                 max_age: monitor.max_age,
                 location: monitor.port.component.spot.location(),
             });
         }
-        for model in &assembly.reference_models {
-            self.reference_model(model, scope);
-        }
-        for voting in &assembly.votings {
-            self.voting(voting, scope);
-        }
-    }
-
-    fn reference_model(&mut self, model: &ReferenceModel, scope: &Scope) {
-        let slots = self.slots_called(&model.component, scope);
-        let (input, target) = (self.dotted_port(&model.input, scope), self.dotted_port(&model.target, scope));
-        let (Some(slot), Some(input), Some(target)) = (slots.into_iter().next(), input, target) else { return };
-        self.plan.reference_models.push(ReferenceModelPlan {
-            slot,
-            input,
-            target,
-            field: model.field.clone(),
-            window: model.window,
-            threshold: model.threshold,
-            location: model.spot.location(),
-        });
-    }
-
-    fn voting(&mut self, voting: &Voting, scope: &Scope) {
-        let mut inputs: Vec<PortRef> = Vec::new();
-        for word in &voting.inputs {
-            let input = if scope.contains_key(&word.text) || !word.text.contains('.') {
-                self.slots_called(word, scope).into_iter().next().map(|slot| PortRef { slot, port: String::new() })
-            } else {
-                self.dotted_port(word, scope)
-            };
-            let Some(input) = input else { continue };
-            if inputs.contains(&input) {
-                let message = format!("\"{}\" votes twice", word.text);
-                self.assembler.error(&word.spot, message, "each input of a vote is another component's");
-            }
-            inputs.push(input);
-        }
-        self.plan.votings.push(VotingPlan {
-            inputs,
-            method: voting.method,
-            tolerance: voting.tolerance,
-            field: voting.field.clone(),
-            location: voting.spot.location(),
-        });
-    }
-
-    /// `slot.port`: the port is behind the last dot, since slots in composites have dots in their names.
-    fn dotted_port(&mut self, word: &Word, scope: &Scope) -> Option<PortRef> {
-        let Some((component, port)) = word.text.rsplit_once('.') else {
-            if !word.text.is_empty() {
-                let message = format!("\"{}\" names no port", word.text);
-                self.assembler.error(&word.spot, message, "write it as slot.port");
-            }
-            return None;
-        };
-        let part = |text: &str| Word { text: text.to_owned(), spot: word.spot.clone() };
-        self.data_port(&End { component: part(component), port: part(port) }, scope)
-    }
-
-    fn data_port(&mut self, end: &End, scope: &Scope) -> Option<PortRef> {
-        let ports: Vec<Port> = match scope.get(&end.component.text) {
-            Some(Placed::Slot(index)) => {
-                let slot = self.assembler.slots.get(*index)?;
-                ports_of(&slot.name, &slot.component)
-            }
-            Some(Placed::Composite(ports, _)) => ports.clone(),
-            Some(Placed::Broken) => return None,
-            None => {
-                self.assembler.unknown_slot(&end.component, scope);
-                return None;
-            }
-        };
-        let data: Vec<&Port> = ports.iter().filter(|port| port.kind == PortKind::Data).collect();
-        if let Some(found) = data.iter().find(|port| port.name == end.port.text) {
-            return Some(found.end.clone());
-        }
-        let names: Vec<&str> = data.iter().map(|port| port.name.as_str()).collect();
-        let hint = suggest::hint(&end.port.text, &names, str::to_owned)
-            .unwrap_or_else(|| format!("{} has no data ports", end.component.text));
-        let message = format!("{} has no data port \"{}\"", end.component.text, end.port.text);
-        self.assembler.error(&end.port.spot, message, &hint);
-        None
     }
 
     /// Without declared nodes `node_id` is what OPRoS left there; with them it must name one.

@@ -123,6 +123,10 @@ impl Assembler {
                 let named = |port: &&Port| port.name == end.port.text && port.kind == kind;
                 (ports.iter().filter(named).cloned().collect(), false)
             }
+            Some(Placed::Voter(port)) => {
+                let is_it = port.name == end.port.text && port.kind == kind;
+                (is_it.then(|| (**port).clone()).into_iter().collect(), false)
+            }
             Some(Placed::Broken) => return None,
             None => {
                 self.unknown_slot(&end.component, scope);
@@ -143,6 +147,7 @@ impl Assembler {
                 self.slots.get(*index).map_or_else(Vec::new, |slot| ports_of(&slot.name, &slot.component))
             }
             Some(Placed::Composite(ports, _)) => ports.clone(),
+            Some(Placed::Voter(port)) => vec![(**port).clone()],
             Some(Placed::Broken) | None => Vec::new(),
         }
     }

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use super::blueprint::{Blueprint, draw, texts};
 use super::catalogue::Catalogue;
+use super::helpers::{self, Helpers};
 use super::monitors::{self, Monitors};
 use super::shutdown::shutdown;
 use super::system::{Placed, System, by_name};
@@ -32,7 +33,7 @@ use crate::model::names;
 use crate::model::schedule::Schedule;
 use crate::model::time::nanoseconds;
 use crate::plugin::Class;
-use crate::port::charge::Charges;
+use crate::port::charge::{Accused, Charges};
 use crate::port::input::InPort;
 use crate::port::pattern::subscriber::Subscriber;
 use crate::port::pattern::turns;
@@ -73,8 +74,8 @@ pub fn boot_unless(
     let workshop = Workshop::start(faults.clone());
     let workshop = workshop.map_err(|error| BootError::Failed(vec![format!("workshop: no thread: {error}")]))?;
     let (executors, slots, registry) = (HashMap::new(), Vec::new(), Arc::clone(registry::shared()));
-    let monitors = Monitors::default();
-    let mut system = System { plan, executors, slots, monitors, registry, catalogue, workshop, faults, keep };
+    let (monitors, helpers) = (Monitors::default(), Helpers::default());
+    let mut system = System { plan, executors, slots, monitors, helpers, registry, catalogue, workshop, faults, keep };
     let plan = Arc::clone(&system.plan);
     let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;
     match bring_up(&mut system, blueprints, given_up) {
@@ -112,13 +113,16 @@ fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>, given_up: &Atom
         system.slots.push(placed);
     }
     let connections = &system.plan.connections;
-    let wiring = wiring::build(&[], connections, &system.slots).map_err(BootError::Plugins)?;
+    let inserted = helpers::build(&Helpers::default(), &system.plan, &system.slots, &system.faults);
+    system.helpers = inserted.map_err(BootError::Plugins)?;
+    let wiring = wiring::build(&[], connections, &system.slots, &system.helpers).map_err(BootError::Plugins)?;
     let monitors = monitors::build(&Monitors::default(), &system.plan, &system.slots);
     let monitors = monitors.map_err(BootError::Plugins)?;
-    wiring::announce(&system.registry, &system.slots, &system.plan.composites);
+    wiring::announce(&system.registry, &system.slots, &system.helpers, &system.plan.composites);
     wiring::apply(&wiring, &system.slots);
+    helpers::apply(&system.helpers, &system.slots);
     system.follow(monitors);
-    rank(&system.slots, &system.plan.connections);
+    rank(&system.slots, &helpers::flow(&system.plan));
     go_on()?;
     if let Some(keep) = &system.keep {
         keep.put_in_place();
@@ -183,7 +187,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
     }
     slot.requestors.iter().for_each(|port| port.listen(Arc::clone(&signal)));
     slot.inputs.iter().filter_map(|port| port.subscriber()).for_each(|port| port.listen(Arc::clone(&signal)));
-    slot.outputs.iter().for_each(|port| port.belong_to(Arc::clone(&slot.charges)));
+    slot.outputs.iter().for_each(|port| port.belong_to(Arc::clone(&slot.charges) as Arc<dyn Accused>));
     slot.outputs.iter().for_each(|port| port.outlet().listen(Arc::clone(&signal)));
     slot.providers.iter().for_each(|port| port.listen(Arc::clone(&signal)));
     turns::share(&slot.providers);

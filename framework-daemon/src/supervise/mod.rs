@@ -12,6 +12,9 @@ pub mod catalogue;
 /// Data ports, as class and profile describe them together.
 mod pushes;
 
+/// Models and voters, with their ears at outputs.
+pub mod helpers;
+
 /// New plan, difference, prepare, commit; or nothing at all.
 pub mod reload;
 

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use super::blueprint::{self, Blueprint};
 use super::boot;
+use super::helpers::{self, Helpers};
 use super::monitors::{self, Monitors};
 use super::services;
 use super::system::{Placed, System};
@@ -89,6 +90,7 @@ fn compare(system: &System, plan: &Plan) -> (Changes, Vec<SlotPlan>) {
 struct Prepared {
     slots: Vec<Placed>,
     wiring: Wiring,
+    helpers: Helpers,
     monitors: Monitors,
 }
 
@@ -107,12 +109,13 @@ fn prepare(
     });
     let slots = assemble(system, &placed, plan, changes);
     let build = || {
-        let wiring = wiring::build(&old_plan.connections, &plan.connections, &slots)?;
-        Ok((wiring, monitors::build(&system.monitors, plan, &slots)?))
+        let helpers = helpers::build(&system.helpers, plan, &slots, &system.faults)?;
+        let wiring = wiring::build(&old_plan.connections, &plan.connections, &slots, &helpers)?;
+        Ok((wiring, helpers, monitors::build(&system.monitors, plan, &slots)?))
     };
     let built = result.map_err(|reason: String| vec![reason]).and_then(|()| build());
     match built {
-        Ok((wiring, monitors)) => Ok(Prepared { slots, wiring, monitors }),
+        Ok((wiring, helpers, monitors)) => Ok(Prepared { slots, wiring, helpers, monitors }),
         Err(reasons) => {
             for new in placed {
                 let _ = new.executor.remove(new.member, STEP);
@@ -133,7 +136,7 @@ fn assemble(system: &System, placed: &[Placed], plan: &Plan, changes: &Changes) 
 }
 
 fn commit(system: &mut System, prepared: Prepared, changes: &Changes) {
-    let Prepared { slots, wiring, monitors } = prepared;
+    let Prepared { slots, wiring, helpers, monitors } = prepared;
     let leaves = |placed: &&Placed| {
         let name = placed.slot.name;
         changes.removed.iter().chain(&changes.changed).any(|gone| gone == name)
@@ -144,15 +147,16 @@ fn commit(system: &mut System, prepared: Prepared, changes: &Changes) {
     for old in &leaving {
         warn_if_stuck(old, old.executor.stop_member(old.member, STEP).is_err());
     }
-    wiring::announce(&system.registry, &slots, &system.plan.composites);
+    wiring::announce(&system.registry, &slots, &helpers, &system.plan.composites);
     wiring::disconnect(&leaving);
     wiring::apply(&wiring, &slots);
+    helpers::apply(&helpers, &slots);
     system.follow(monitors);
     for old in &leaving {
         warn_if_stuck(old, old.executor.remove(old.member, STEP).is_err());
     }
-    boot::rank(&slots, &system.plan.connections);
-    system.slots = slots;
+    boot::rank(&slots, &helpers::flow(&system.plan));
+    (system.slots, system.helpers) = (slots, helpers);
     let is_new = |slot: &str| changes.added.iter().chain(&changes.changed).any(|name| name == slot);
     if let Err(reason) = boot::start(&system.plan, &system.slots, is_new) {
         tracing::error!("{reason}");

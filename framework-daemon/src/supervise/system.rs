@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::catalogue::Catalogue;
+use super::helpers::Helpers;
 use super::monitors::Monitors;
 use crate::exec::executor::Executor;
 use crate::exec::keep::Keep;
@@ -42,6 +43,8 @@ pub struct System {
     pub executors: HashMap<String, Arc<Executor>>,
     /// Slots in the order in which they were started.
     pub slots: Vec<Placed>,
+    /// Models and voters among them.
+    pub helpers: Helpers,
     /// What watches their ports.
     pub monitors: Monitors,
     /// Their ports, for who wires at run time.

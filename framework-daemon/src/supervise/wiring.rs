@@ -8,6 +8,7 @@ use component_sdk::object::path::PathError;
 
 use super::blueprint::Blueprint;
 use super::events::{self, EventWiring};
+use super::helpers::{self, Helpers};
 use super::services::{self, Calls};
 use super::system::{Placed, by_name};
 use crate::exec::slot::Slot;
@@ -16,7 +17,7 @@ use crate::port::check::Checks;
 use crate::port::input::InPort;
 use crate::port::registry::{Entry, Export, Registry};
 use crate::port::wiring::{self, Planned};
-use crate::profile::plan::{CompositePlan, ConnectionPlan, Location, PortKind, PortRef};
+use crate::profile::plan::{CompositePlan, ConnectionPlan, Location, Plan, PortKind, PortRef};
 
 /// What plans say about one reader.
 pub struct Reader {
@@ -42,6 +43,7 @@ pub fn build(
     before: &[ConnectionPlan],
     connections: &[ConnectionPlan],
     slots: &[Placed],
+    helpers: &Helpers,
 ) -> Result<Wiring, Vec<String>> {
     let names = by_name(slots);
     let is_data = |connection: &&ConnectionPlan| connection.kind == PortKind::Data;
@@ -59,7 +61,7 @@ pub fn build(
         }
     }
     for connection in connections.iter().filter(is_data) {
-        match planned(connection, &names) {
+        match planned(connection, &names, helpers) {
             Ok(writer) => {
                 let place = places.get(&(&connection.target.slot, &connection.target.port));
                 if let Some(reader) = place.and_then(|place| readers.get_mut(*place)) {
@@ -79,9 +81,10 @@ pub fn build(
     }
 }
 
-fn planned(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<Planned, String> {
+fn planned(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>, helpers: &Helpers) -> Result<Planned, String> {
     let (from, to) = (&connection.source, &connection.target);
     let source = slots.get(from.slot.as_str()).and_then(|placed| placed.slot.output(&from.port));
+    let source = source.or_else(|| helpers.output(from));
     let target = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.input(&to.port));
     let (source, target) = source.zip(target).ok_or_else(|| no_such_port(connection))?;
     all_listed(connection, |end| slots.get(end.slot.as_str()).map(|placed| placed.slot.unlisted.clone()))?;
@@ -125,11 +128,16 @@ fn compare(
 
 /// What is wrong with the data connections of slots that do not exist yet.
 #[must_use]
-pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Vec<String> {
+pub fn check(plan: &Plan, blueprints: &[Blueprint<'_>]) -> Vec<String> {
+    let connections = &plan.connections;
     let find = |slot: &str| blueprints.iter().find(|blueprint| blueprint.name() == slot);
     let wrong = |connection: &ConnectionPlan| {
         let (from, to) = (&connection.source, &connection.target);
-        let (source, target) = (find(&from.slot)?, find(&to.slot)?);
+        let target = find(&to.slot)?;
+        let Some(source) = find(&from.slot) else {
+            let (written, expected) = (helpers::object(plan, blueprints, from)?, target.input_object(&to.port)?);
+            return compare(connection, written, expected).err().map(|reason| at(&connection.location, &reason));
+        };
         if let Err(reason) = all_listed(connection, |end| find(&end.slot).map(|slot| slot.class.unlisted())) {
             return Some(at(&connection.location, &reason));
         }
@@ -145,6 +153,7 @@ pub fn check(connections: &[ConnectionPlan], blueprints: &[Blueprint<'_>]) -> Ve
     };
     let mut all: Vec<String> = connections.iter().filter_map(wrong).collect();
     all.extend(events::check_clients(connections, blueprints));
+    all.extend(helpers::check(plan, blueprints));
     all
 }
 
@@ -177,12 +186,16 @@ pub fn disconnect(slots: &[Placed]) {
 }
 
 /// Tells whoever wires at run time which ports there are, and which of them composites show.
-pub fn announce(registry: &Registry, slots: &[Placed], composites: &[CompositePlan]) {
+pub fn announce(registry: &Registry, slots: &[Placed], helpers: &Helpers, composites: &[CompositePlan]) {
     let entries = slots.iter().flat_map(|Placed { slot, .. }| {
         ends(slot).map(|end| Entry { slot: slot.name, is_listed: !slot.unlisted.contains(&end.name()), end })
     });
-    let exports = composites.iter().flat_map(|composite| exports(composite, slots)).collect();
-    if registry.set_all(entries.collect(), exports).is_err() {
+    let voters = helpers.named().map(|(slot, voter)| {
+        let end = PortEnd::Out(Arc::clone(&voter.helper.parts().output));
+        Entry { slot, end, is_listed: true }
+    });
+    let exports = composites.iter().flat_map(|composite| exports(composite, slots, helpers)).collect();
+    if registry.set_all(entries.chain(voters).collect(), exports).is_err() {
         tracing::error!("the names of the ports are being changed all the time");
     }
 }
@@ -196,10 +209,16 @@ fn ends(slot: &Slot) -> impl Iterator<Item = PortEnd> {
 }
 
 /// What a composite shows: each name once, with all that it stands for. What a component keeps for itself is not shown.
-fn exports(composite: &CompositePlan, slots: &[Placed]) -> Vec<Export> {
+fn exports(composite: &CompositePlan, slots: &[Placed], helpers: &Helpers) -> Vec<Export> {
     let mut shown: Vec<Export> = Vec::new();
     for (name, inner) in &composite.exports {
-        let Some(placed) = slots.iter().find(|placed| placed.slot.name == inner.slot) else { continue };
+        let Some(placed) = slots.iter().find(|placed| placed.slot.name == inner.slot) else {
+            let (composite, port) = (composite.name.clone(), name.clone());
+            let ends: Vec<_> =
+                helpers.output(inner).map(|output| PortEnd::Out(Arc::clone(output))).into_iter().collect();
+            shown.extend((!ends.is_empty()).then_some(Export { composite, port, ends, service: None }));
+            continue;
+        };
         let listed = !placed.slot.unlisted.contains(&inner.port.as_str());
         let found = ends(&placed.slot).find(|end| listed && end.name() == inner.port);
         // A service's ports are those of its methods.

@@ -150,11 +150,13 @@ pub static REFERENCE_MODEL: ElementRule = ElementRule::attributed(
     "reference_model",
     &[
         required("component", Kind::Name, "Slot that is the model."),
-        required("input", Kind::Name, "Port that feeds the model: slot.port."),
-        required("target", Kind::Name, "Port that the model is compared with: slot.port."),
-        optional("field", Kind::Name, "Field that is compared."),
+        required("input", Kind::Name, "Output that feeds the model, or input that hears the same: slot.port."),
+        required("target", Kind::Name, "Output that the model is compared with: slot.port."),
+        optional("output", Kind::Name, "Port of the model that is compared; default: the one of the target's type."),
+        optional("field", Kind::Name, "Number that is compared: linear.x, ticks[0]; none: the object is one."),
+        optional("compare", Kind::OneOf(&["value", "rate"]), "Its mean in the window, or its change per second."),
         required("window", Kind::Duration, "Sliding window."),
-        required("threshold", Kind::Number, "Largest mean difference in the window."),
+        required("threshold", Kind::Number, "Largest difference of the two, each filtered over the window."),
     ],
     "Helper component that compares a component with a model of it.",
 );
@@ -163,10 +165,21 @@ pub static REFERENCE_MODEL: ElementRule = ElementRule::attributed(
 pub static VOTING: ElementRule = ElementRule::attributed(
     "voting",
     &[
-        required("inputs", Kind::Names, "Redundant slots or ports (slot.port), separated by blanks; three or more."),
-        optional("method", Kind::OneOf(&["median", "majority"]), "How; default median."),
+        optional("name", Kind::Name, "Slot that others connect to for the winner's objects; none: it is only watched."),
+        required("inputs", Kind::Names, "Redundant slots or outputs (slot.port), separated by blanks; three or more."),
+        optional("method", Kind::OneOf(&["median", "majority", "weighted"]), "How; default median."),
         optional("tolerance", Kind::Number, "Largest difference that still counts as equal."),
-        optional("field", Kind::Name, "Field that is compared."),
+        optional("field", Kind::Name, "Number that is compared: linear.x, ranges[0]; none: the object is one."),
+        optional(
+            "max_age",
+            Kind::Duration,
+            "An input silent for longer is left out and is stale; default 1s, not stale.",
+        ),
+        optional(
+            "require",
+            Kind::Integer(1, limits::VOTERS as i64),
+            "How many must agree, or nothing is handed on; default: more than half.",
+        ),
     ],
     "Helper component that votes over redundant outputs.",
 );

@@ -85,4 +85,32 @@ impl Callbacks for Ear {
     }
 }
 
-export_components!(Wave, Ear);
+/// Passes readings on, each distance times its gain; after so many readings with another gain.
+#[derive(Component)]
+#[component(name = "Amplifier", version = "1.0", nonperiodic)]
+pub struct Amplifier {
+    #[port(fifo = 64)]
+    heard: DataIn<Reading>,
+    #[port]
+    said: DataOut<Reading>,
+    #[property(default = 1.0, range = -1000.0..=1000.0)]
+    gain: f64,
+    #[property(default = 1000000000, range = 0..=1000000000)]
+    after: u64,
+    #[property(default = 1.0, range = -1000.0..=1000.0)]
+    then: f64,
+    passed: u64,
+}
+
+impl Callbacks for Amplifier {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        while let Some(reading) = self.heard.take() {
+            let gain = if self.passed < self.after { self.gain } else { self.then };
+            self.passed += 1;
+            self.said.write(Reading { distance: reading.distance * gain, ..reading.clone() });
+        }
+        Ok(())
+    }
+}
+
+export_components!(Wave, Ear, Amplifier);

@@ -1,0 +1,266 @@
+//! Redundant outputs, heard where each of them writes; the winner's object goes on to whoever is connected to the voter.
+//!
+//! The voter has an output as a slot has, but no thread and no instance: it votes in the callback of the member that completes a
+//! round, and hands the winner's block on as it is. What its readers find wrong with that is the winner's fault, not that of
+//! the member in whose callback it was found.
+
+use std::array;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+
+use super::block::Sample;
+use super::charge::{self, Accused};
+use super::check;
+use super::output::OutPort;
+use super::tap::{Heard, Probe, Tap};
+use crate::detect::vote::{Demand, Members, Poll, Vote};
+use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Label, Outcome, Stage, Times};
+use crate::model::ladder::Answer;
+use crate::model::limits::VOTERS;
+use crate::model::symptom::{Severity, Symptom};
+
+/// What faults of a voter's own are told of as its class.
+const CLASS: &str = "voting";
+
+/// One of those who vote.
+pub struct Member {
+    /// Its slot and port.
+    pub port: Label,
+    /// Who answers for it.
+    pub charges: Arc<dyn Accused>,
+}
+
+/// All that a voter is made of.
+pub struct Parts {
+    /// Its name.
+    pub name: &'static str,
+    /// What it votes by.
+    pub demand: Demand,
+    /// Whether silence is a fault, or only left out.
+    pub stale: bool,
+    /// The field that is compared.
+    pub field: Label,
+    /// Those who vote, at most [`VOTERS`].
+    pub members: Vec<Member>,
+    /// Where the winner's objects go.
+    pub output: Arc<OutPort>,
+    /// To the fault manager.
+    pub faults: FaultSender,
+}
+
+/// A voter.
+pub struct Voter {
+    parts: Parts,
+    // Held while plain numbers are compared and counts change: no memory of a plugin is touched meanwhile.
+    state: Mutex<State>,
+}
+
+struct State {
+    poll: Poll,
+    newest: [Option<Sample>; VOTERS],
+    votes: u64,
+    last: Option<Vote>,
+    /// Whom its readers' waiting was blamed on.
+    blamed: Members,
+}
+
+/// What it did lately.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Tally {
+    /// Votes so far.
+    pub votes: u64,
+    /// How the last one ended.
+    pub last: Option<Vote>,
+}
+
+impl Voter {
+    /// One that has heard nothing yet.
+    #[must_use]
+    pub fn new(parts: Parts) -> Arc<Self> {
+        let poll = Poll::new(parts.demand, parts.members.len());
+        let newest = array::from_fn(|_| None);
+        let state = Mutex::new(State { poll, newest, votes: 0, last: None, blamed: Members::default() });
+        let voter = Arc::new(Self { parts, state });
+        voter.parts.output.belong_to(Arc::new(Spokesman(Arc::downgrade(&voter))));
+        voter
+    }
+
+    /// What it is made of.
+    #[must_use]
+    pub const fn parts(&self) -> &Parts {
+        &self.parts
+    }
+
+    /// What it did lately.
+    #[must_use]
+    pub fn tally(&self) -> Tally {
+        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        Tally { votes: state.votes, last: state.last }
+    }
+
+    /// Its ear at the output of a member.
+    #[must_use]
+    pub fn ear(self: &Arc<Self>, member: usize, probe: Probe) -> Arc<dyn Tap> {
+        Arc::new(Ear { voter: Arc::clone(self), member, probe })
+    }
+
+    fn deliver(&self, member: usize, value: f64, heard: &Heard<'_>) {
+        let now_ns = heard.at_ns();
+        let sample = heard.sample();
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = state.newest.get_mut(member).and_then(|newest| std::mem::replace(newest, sample));
+        let vote = state.poll.deliver(member, value, now_ns);
+        let winner = vote.and_then(|vote| vote.passes);
+        let passes = winner.and_then(|winner| state.newest.get(winner).cloned().flatten());
+        if vote.is_some() {
+            state.votes += 1;
+            state.last = vote;
+        }
+        let heard_ns = vote.map(|_| array::from_fn(|member| state.poll.heard_ns(member).unwrap_or(now_ns)));
+        drop(state);
+        // The last holder of an object frees the memory of a plugin.
+        drop(before);
+        if let (Some(winner), Some(sample)) = (winner, passes) {
+            self.pass(winner, &sample, now_ns);
+        }
+        if let (Some(vote), Some(heard_ns)) = (vote, heard_ns) {
+            self.tell(&vote, &heard_ns, now_ns);
+        }
+    }
+
+    fn pass(&self, winner: usize, sample: &Sample, now_ns: u64) {
+        let Some(member) = self.parts.members.get(winner) else { return };
+        let charge = |fault: &Fault| member.charges.charge(fault);
+        let ((), found) = check::apart(|| _ = self.parts.output.hand_on(sample, now_ns, &charge));
+        if let Some(report) = found {
+            charge(&Fault::told(report.symptom, now_ns, report.evidence));
+        }
+    }
+
+    fn tell(&self, vote: &Vote, heard_ns: &[u64; VOTERS], now_ns: u64) {
+        let changes = [(vote.fell_out, Stage::Confirmed), (vote.came_back, Stage::Healed)];
+        for (members, stage) in changes {
+            self.charge(members, |member| Fault {
+                stage,
+                ..Fault::told(Symptom::Vote, now_ns, self.outvoted(vote, member))
+            });
+        }
+        let changes = [(vote.fell_silent, Stage::Confirmed), (vote.spoke, Stage::Healed)];
+        for (members, stage) in changes.into_iter().filter(|_| self.parts.stale) {
+            let silence = |member: &usize| Evidence::Silence {
+                port: self.parts.members.get(*member).map_or(Label::new(""), |member| member.port),
+                silent_ns: now_ns.saturating_sub(heard_ns.get(*member).copied().unwrap_or(now_ns)),
+                max_age_ns: self.parts.demand.max_age_ns,
+            };
+            self.charge(members, |member| Fault { stage, ..Fault::told(Symptom::Stale, now_ns, silence(&member)) });
+        }
+        if let Some(few) = vote.few {
+            self.tell_of_itself(vote, few, now_ns);
+        }
+    }
+
+    fn outvoted(&self, vote: &Vote, member: usize) -> Evidence {
+        Evidence::Vote {
+            port: self.parts.members.get(member).map_or(Label::new(""), |member| member.port),
+            field: self.parts.field,
+            value: vote.values.get(member).copied().flatten().unwrap_or(f64::NAN),
+            agreed: vote.outcome.winner.map_or(f64::NAN, |(_, value)| value),
+            agreeing: vote.outcome.agreeing.count() as u32,
+            tolerance: self.parts.demand.tolerance,
+        }
+    }
+
+    /// Too few agree, or enough again: nobody else's fault. There is no slot whose rules could answer it.
+    fn tell_of_itself(&self, vote: &Vote, few: bool, now_ns: u64) {
+        let Parts { name, demand, field, members, output, faults, .. } = &self.parts;
+        let evidence = Evidence::Quorum {
+            port: Label::of(format_args!("{name}.{}", output.name)),
+            field: *field,
+            agreeing: vote.outcome.agreeing.count() as u32,
+            require: demand.require as u32,
+            members: members.len() as u32,
+        };
+        let stage = if few { Stage::Confirmed } else { Stage::Healed };
+        let event = FaultEvent {
+            slot: name,
+            class: CLASS,
+            fault: Fault { stage, ..Fault::told(Symptom::Vote, now_ns, evidence) },
+            severity: Severity::Ignore,
+            answer: Answer::Ignore,
+            successor: None,
+            outcome: Outcome::Ignored,
+            checkpoint_ns: None,
+            times: Times::default(),
+        };
+        if faults.try_send(event).is_err() {
+            charge::count_lost();
+        }
+    }
+
+    fn accused(&self, fault: &Fault) -> Members {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let winner = state.last.and_then(|vote| vote.outcome.winner).map(|(winner, _)| winner);
+        let Evidence::Silence { max_age_ns, .. } = fault.evidence else { return winner.into_iter().collect() };
+        if fault.stage != Stage::Confirmed {
+            return std::mem::take(&mut state.blamed);
+        }
+        let is_silent = |member: &usize| {
+            let heard_ns = state.poll.heard_ns(*member);
+            heard_ns.is_none_or(|heard_ns| fault.detected_ns.saturating_sub(heard_ns) > max_age_ns)
+        };
+        state.blamed = (0..self.parts.members.len()).filter(is_silent).collect();
+        state.blamed
+    }
+
+    fn charge(&self, members: Members, fault: impl Fn(usize) -> Fault) {
+        for member in members.iter() {
+            if let Some(blamed) = self.parts.members.get(member) {
+                // One that is lost is counted.
+                blamed.charges.charge(&fault(member));
+            }
+        }
+    }
+}
+
+/// Answers for what the voter hands on, or does not.
+struct Spokesman(Weak<Voter>);
+
+impl Accused for Spokesman {
+    /// Silence is the fault of those members that are silent themselves; anything else that of whoever won last.
+    fn charge(&self, fault: &Fault) -> bool {
+        let Some(voter) = self.0.upgrade() else { return true };
+        let members = voter.accused(fault);
+        let charge = |member: usize| voter.parts.members.get(member).is_some_and(|member| member.charges.charge(fault));
+        // Each of them, also after one that was lost.
+        members.iter().filter(|member| !charge(*member)).count() == 0
+    }
+}
+
+struct Ear {
+    voter: Arc<Voter>,
+    member: usize,
+    probe: Probe,
+}
+
+impl Tap for Ear {
+    fn name(&self) -> &str {
+        self.voter.parts.name
+    }
+
+    fn heard(&self, heard: &Heard<'_>) {
+        // Before anything is locked. A sequence that is too short votes for nothing that anybody agrees with.
+        let value = heard.number(&self.probe).unwrap_or(f64::NAN);
+        self.voter.deliver(self.member, value, heard);
+    }
+
+    fn begins_anew(&self) {
+        let mut state = self.voter.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.poll.begin(self.member);
+        let before = state.newest.get_mut(self.member).and_then(Option::take);
+        drop(state);
+        drop(before);
+    }
+
+    fn holds(&self) -> usize {
+        1 + self.voter.parts.output.held()
+    }
+}

@@ -72,6 +72,16 @@ pub fn check(profiles: &Path) -> Answer {
     answer(&Command::new(daemon_binary()).arg("check").arg(profiles).output().expect("the daemon's binary runs"))
 }
 
+/// Draws a profile directory.
+///
+/// # Panics
+/// When the binary cannot be started.
+#[must_use]
+pub fn graph(profiles: &Path, kind: &str) -> Answer {
+    let mut command = Command::new(daemon_binary());
+    answer(&command.arg("graph").arg(profiles).args(["--as", kind]).output().expect("the daemon's binary runs"))
+}
+
 /// Starts a verb that goes on.
 ///
 /// # Panics

@@ -217,3 +217,12 @@ fn a_reload_keeps_what_is_stopped_and_why() {
     assert!(["planner", "new"].iter().all(|slot| state_of(&daemon, slot).0 == "active"));
     assert_eq!(state_of(&daemon, "other").0, "inactive", "an operator told it to stop");
 }
+
+#[test]
+fn the_graph_shows_who_needs_whom() {
+    let profiles = witnesses(&["a", "b", "c"], &dependency("c", "a b", "1"));
+    for (kind, wanted) in [("dot", "\"a\" -> \"c\" [color"), ("mermaid", "s0 -.->|\"needs 1 of 2\"| s2")] {
+        let drawn = tests::asking::graph(profiles.path(), kind);
+        assert!(drawn.out.contains(wanted) && drawn.out.contains("needs 1 of 2"), "{drawn:?}");
+    }
+}

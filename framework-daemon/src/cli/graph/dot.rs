@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use super::monitored;
-use crate::profile::plan::{ConnectionPlan, MonitorPlan, Plan, PortKind, PortRef, SlotPlan};
+use super::{monitored, needed};
+use crate::profile::plan::{ConnectionPlan, DependencyPlan, MonitorPlan, Plan, PortKind, PortRef, SlotPlan};
 use crate::profile::wire::{Port, kind_name, ports_of};
 
 /// The text that `dot` reads.
@@ -20,11 +20,22 @@ pub fn draw(plan: &Plan) -> String {
     for connection in &plan.connections {
         let _ = writeln!(out, "{}", edge(connection));
     }
+    for dependency in &plan.dependencies {
+        out.push_str(&needs(dependency));
+    }
     for (number, monitor) in plan.monitors.iter().enumerate() {
         let _ = writeln!(out, "{}", watched(number, monitor));
     }
     out.push_str("}\n");
     out
+}
+
+/// Who stops when others do: an edge from each slot that it needs.
+fn needs(dependency: &DependencyPlan) -> String {
+    let label = quoted(&needed(dependency));
+    let style = format!("color=\"#a02020\", style=dotted, constraint=false, arrowhead=empty, label={label}");
+    let slots = dependency.on.iter().flat_map(|needed| &needed.slots);
+    slots.map(|slot| format!("  {} -> {} [{style}];\n", quoted(slot), quoted(&dependency.slot))).collect()
 }
 
 /// A monitor, and the port that it watches.

@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use super::monitored;
-use crate::profile::plan::{ConnectionPlan, MonitorPlan, Plan, PortKind, PortRef};
+use super::{monitored, needed};
+use crate::profile::plan::{ConnectionPlan, DependencyPlan, MonitorPlan, Plan, PortKind, PortRef};
 
 /// The text that Mermaid reads.
 #[must_use]
@@ -21,10 +21,21 @@ pub fn draw(plan: &Plan) -> String {
     for connection in &plan.connections {
         out.push_str(&edge(plan, connection));
     }
+    for dependency in &plan.dependencies {
+        out.push_str(&needs(plan, dependency));
+    }
     for (number, monitor) in plan.monitors.iter().enumerate() {
         out.push_str(&watched(plan, number, monitor));
     }
     out
+}
+
+/// Who stops when others do: an edge from each slot that it needs.
+fn needs(plan: &Plan, dependency: &DependencyPlan) -> String {
+    let id = |name: &str| plan.slots.iter().position(|slot| slot.name == name).unwrap_or_default();
+    let label = escaped(&needed(dependency));
+    let slots = dependency.on.iter().flat_map(|needed| &needed.slots);
+    slots.map(|slot| format!("  s{} -.->|\"{label}\"| s{}\n", id(slot), id(&dependency.slot))).collect()
 }
 
 /// A monitor, and the port that it watches.

@@ -16,7 +16,7 @@ pub mod svg;
 
 use super::exit_code::Exit;
 use crate::profile;
-use crate::profile::plan::{Limit, MonitorPlan, Validity};
+use crate::profile::plan::{DependencyPlan, Limit, MonitorPlan, Validity};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon graph profiles/navigation --as svg > navigation.svg\n  \
      framework-daemon graph profiles/navigation --as dot | dot -Tpdf > navigation.pdf";
@@ -63,6 +63,14 @@ fn range(validity: &Validity) -> String {
 fn monitored(monitor: &MonitorPlan) -> String {
     let age = monitor.max_age.map(|age| format!("not silent for {age:?}"));
     monitor.validity.iter().map(range).chain(age).collect::<Vec<_>>().join(", ")
+}
+
+/// What a dependency asks: `needs 1 of 3`.
+fn needed(dependency: &DependencyPlan) -> String {
+    match dependency.on.len() {
+        1 => "needs".to_owned(),
+        count => format!("needs {} of {count}", dependency.require),
+    }
 }
 
 /// Draws a directory that is accepted.

@@ -226,3 +226,18 @@ fn ask(daemon: &Running, verb: &[&str]) -> String {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
+
+#[test]
+fn ends_that_do_not_fit_are_a_fault_of_the_wiring_and_both_are_named() {
+    let slots = [wave("1", ""), slot("listener", "Listener", "")];
+    let profiles = Profiles::new(&application(&slots, &[]));
+    profiles.describe(&plugin_dir().join("libsignals.so"));
+    let daemon = Running::start(profiles.path(), &[]);
+    let mut command = std::process::Command::new(tests::daemon_binary::daemon_binary());
+    let command = command.args(["connect", "wave.out", "listener.heard"]).arg("--socket").arg(daemon.socket());
+    assert!(!command.output().expect("the daemon's binary runs").status.success());
+    let fault = daemon.journal("fault", 1).remove(0);
+    assert_eq!((fault["slot"].as_str(), fault["symptom"].as_str()), (Some("wave"), Some("type")));
+    let said = fault["evidence"]["message"].as_str().unwrap();
+    assert!(said.contains("wave.out carries Reading, listener.heard expects Count"), "{said}");
+}

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
+use board_protocol::robot::RING;
 use clap::Parser;
 use robot_sim::serve::camera_socket::CameraSocket;
 use robot_sim::serve::pty::Pty;
@@ -42,6 +43,9 @@ struct Arguments {
     /// Go on playing the board this many seconds after the target is reached
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     linger: f64,
+    /// Pull a sensor of the ultrasonic ring out: its number, and after how many simulated seconds
+    #[arg(long, value_name = "SENSOR@S", value_parser = sensor_and_time)]
+    unplug: Option<(usize, Duration)>,
     /// Keep to real time (the default)
     #[arg(long, conflicts_with = "speed")]
     realtime: bool,
@@ -88,7 +92,20 @@ fn player(arguments: &Arguments) -> Result<Player, Box<dyn std::error::Error>> {
     let recorder = arguments.record.as_ref().map(|path| Recorder::create(path, &world, arguments.seed)).transpose()?;
     let camera = arguments.camera.as_ref().map(|path| CameraSocket::open(path)).transpose()?;
     let pty = Pty::open(&arguments.board)?;
-    Ok(Player::new(Simulation::new(world, arguments.seed), pty, camera, recorder))
+    let mut simulation = Simulation::new(world, arguments.seed);
+    if let Some((sensor, at)) = arguments.unplug {
+        simulation.unplug(sensor, at);
+    }
+    Ok(Player::new(simulation, pty, camera, recorder))
+}
+
+/// `3@1.5`.
+fn sensor_and_time(text: &str) -> Result<(usize, Duration), String> {
+    let parsed = text.split_once('@').and_then(|(sensor, at)| {
+        let sensor = sensor.parse().ok().filter(|sensor| *sensor < RING)?;
+        Some((sensor, Duration::try_from_secs_f64(at.parse().ok()?).ok()?))
+    });
+    parsed.ok_or_else(|| format!("write SENSOR@SECONDS, with a sensor from 0 to {}: 3@1.5", RING - 1))
 }
 
 fn report(end: End) {

@@ -6,6 +6,7 @@
 
 use std::time::Duration;
 
+use board_protocol::robot::NO_ECHO;
 use board_protocol::{Command, Encoders, Telemetry, Ultrasonic};
 use serde::{Deserialize, Serialize};
 
@@ -57,6 +58,8 @@ pub struct Simulation {
     rest_ns: u64,
     standing_since_us: u64,
     frames: u32,
+    /// A sensor of the ring, and since when it is off.
+    unplugged: Option<(usize, u64)>,
     sonar_noise: Noise,
     camera_noise: Noise,
 }
@@ -74,9 +77,15 @@ impl Simulation {
             rest_ns: 0,
             standing_since_us: 0,
             frames: 0,
+            unplugged: None,
             sonar_noise: Noise::new(seed, 1),
             camera_noise: Noise::new(seed, 2),
         }
+    }
+
+    /// Sensor `sensor` of the ultrasonic ring is pulled out at that time of the simulation, and hears nothing any more.
+    pub fn unplug(&mut self, sensor: usize, at: Duration) {
+        self.unplugged = Some((sensor, u64::try_from(at.as_micros()).unwrap_or(u64::MAX)));
     }
 
     /// The world as loaded.
@@ -160,7 +169,11 @@ impl Simulation {
             sent.push(Telemetry::Encoders(Encoders { time_us, ticks: self.robot.ticks() }));
         }
         if due.ultrasonic {
-            let ranges_mm = sonar::ring(&self.scene, self.robot.pose(), &mut self.sonar_noise);
+            let mut ranges_mm = sonar::ring(&self.scene, self.robot.pose(), &mut self.sonar_noise);
+            let unplugged = self.unplugged.filter(|(_, since_us)| self.now_us >= *since_us);
+            if let Some(range) = unplugged.and_then(|(sensor, _)| ranges_mm.get_mut(sensor)) {
+                *range = NO_ECHO;
+            }
             sent.push(Telemetry::Ultrasonic(Ultrasonic { time_us, ranges_mm }));
         }
         if due.status {

@@ -422,6 +422,8 @@ impl Member {
     /// `destroy`, then the drop of the instance and of its standbys.
     pub fn destroy(&mut self, crew: &mut Crew) {
         self.stop(crew);
+        // Nothing follows from it any more, but it was so.
+        self.hear_charges(crew);
         if self.step(Event::Destroy)
             && let Err(fault) = self.enter(Call::plain(Hook::Destroy), crew)
         {

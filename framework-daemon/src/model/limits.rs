@@ -164,6 +164,11 @@ pub const EMERGENCY_NOTICES: usize = 256;
 pub const LOG_RECORDS: usize = 1_024;
 /// Lines of the daemon's own log waiting to be written.
 pub const LOG_LINES: usize = 4_096;
+/// Soonest recovery that a profile may count on, without privileges and with all processors busy: some times what one of a
+/// thousand recoveries by a spare that is ready takes there, which is up to 36 us.
+pub const RECOVERY_LEAST: Duration = Duration::from_micros(200);
+/// As above, where a library is loaded or an instance made first.
+pub const RECOVERY_LEAST_UNPREPARED: Duration = Duration::from_millis(10);
 /// Charges by others that wait for one slot.
 pub const CHARGES: usize = 8;
 /// Elements of a sequence whose rate of change is checked: the first ones.

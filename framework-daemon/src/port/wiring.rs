@@ -21,7 +21,10 @@ use super::pattern::provider::Provider;
 use super::pattern::requestor::Requestor;
 use super::registry::{Found, Registry, Unknown};
 use super::{wiring_events, wiring_services};
+use crate::model::fault::{Evidence, Fault};
+use crate::model::symptom::Symptom;
 use crate::model::text::ShortText;
+use crate::sys::clock;
 
 /// A port, as one names it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -233,16 +236,20 @@ pub(super) fn join(output: &Arc<OutPort>, from: Name<'_>, input: &Arc<InPort>, t
     // Also where its server is gone already, and was to have a successor.
     input.unsubscribe();
     if let Some(difference) = output.object.difference(input.object) {
-        return Err(Refusal::new(
-            Status::IncompatibleService,
-            format_args!(
-                "{from} carries {}, {to} expects {}, and their layouts differ: {difference}",
-                output.object.name, input.object.name
-            ),
-        ));
+        let (written, expected) = (output.object.name, input.object.name);
+        let said =
+            format_args!("{from} carries {written}, {to} expects {expected}, and their layouts differ: {difference}");
+        output.charge(&mismatch(said));
+        return Err(Refusal::new(Status::IncompatibleService, said));
     }
     let link = Link { target: Arc::clone(input), checks: Checks::none() };
     add(&mut sources, output, link).map_err(|Busy| busy(from))
+}
+
+/// The fault of a writer that cannot be connected.
+#[must_use]
+pub fn mismatch(said: std::fmt::Arguments<'_>) -> Fault {
+    Fault::told(Symptom::Type, clock::now_ns(), Evidence::Text { message: ShortText::of(said) })
 }
 
 type Sources<'a> = MutexGuard<'a, Vec<Source>>;

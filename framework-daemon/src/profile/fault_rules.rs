@@ -18,7 +18,7 @@ use crate::model::limits;
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
 /// Symptoms that no detector reports yet.
-const NOT_DETECTED: [Symptom; 2] = [Symptom::Type, Symptom::Device];
+const NOT_DETECTED: [Symptom; 1] = [Symptom::Device];
 
 /// `fault_tolerance` as written, references not yet resolved.
 #[derive(Clone, Debug, Serialize)]
@@ -46,6 +46,7 @@ pub struct Secondary {
 pub fn read(element: &Element, report: &mut Reporter) -> Declared {
     let rules = FaultRules {
         severity: severities(element, report),
+        named: named(element),
         reset: element.child("reset").map(|reset| intensity(reset, report)),
         secondaries: Vec::new(),
         spares: element.child("spare").map(spares),
@@ -71,6 +72,11 @@ fn warn_of_idle_ladder(element: &Element, declared: &Declared, report: &mut Repo
         report.warning(idle.name_span, format!("<{}> is never used: no severity is \"reset\"", idle.name)).hint =
             Some("add <severity>reset</severity>; without one a crash stops the slot".to_owned());
     }
+}
+
+/// Symptoms that the element names one by one.
+fn named(element: &Element) -> Vec<Symptom> {
+    element.children_of("severity").filter_map(|rule| Symptom::from_name(rule.value_of("symptom"))).collect()
 }
 
 fn severities(element: &Element, report: &mut Reporter) -> SeverityTable {

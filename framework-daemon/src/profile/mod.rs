@@ -62,6 +62,9 @@ pub mod helpers;
 /// What no file can tell alone.
 pub mod validate;
 
+/// What a plan promises and cannot keep.
+pub mod admit;
+
 /// A directory to a plan.
 pub mod load;
 

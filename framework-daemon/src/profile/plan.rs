@@ -425,6 +425,9 @@ pub struct ConnectionPlan {
 pub struct FaultRules {
     /// What to do about each symptom.
     pub severity: SeverityTable,
+    /// Symptoms that have a severity by their own name.
+    #[serde(skip)]
+    pub named: Vec<Symptom>,
     /// Restart intensity.
     pub reset: Option<Intensity>,
     /// Alternative classes with the same ports, in order.

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
+use super::admit;
 use super::application::{Assembly, Dependency};
 use super::assemble::{Assembler, Placement, Scope};
 use super::diagnostic::{Diagnostic, Level};
@@ -37,15 +38,27 @@ pub fn finish(
         validator.system(profile, applications);
     }
     validator.actuators();
-    let Validator { assembler, mut plan } = validator;
-    plan.slots = assembler.slots;
-    plan.connections = assembler.connections;
-    plan.composites = assembler.placed_composites;
-    plan.reference_models = assembler.placed_models;
-    plan.votings = assembler.placed_votings;
+    let Validator { mut assembler, mut plan } = validator;
+    plan.slots = std::mem::take(&mut assembler.slots);
+    plan.connections = std::mem::take(&mut assembler.connections);
+    plan.composites = std::mem::take(&mut assembler.placed_composites);
+    plan.reference_models = std::mem::take(&mut assembler.placed_models);
+    plan.votings = std::mem::take(&mut assembler.placed_votings);
     plan.composites.sort_by(|one, other| one.name.cmp(&other.name));
-    findings.extend(assembler.findings);
+    findings.append(&mut assembler.findings);
+    // Of what is not whole nothing can be proved.
+    if !findings.iter().any(Diagnostic::is_error) && applications.iter().all(|document| document.accepted()) {
+        findings.extend(doubts(&plan, &assembler));
+    }
     plan
+}
+
+fn doubts(plan: &Plan, assembler: &Assembler) -> Vec<Diagnostic> {
+    let told = admit::doubts(plan).into_iter().filter_map(|doubt| {
+        let spot = assembler.declared_at(&doubt.slot)?;
+        Some(spot.diagnostic(Level::Warning, doubt.message).with_hint(doubt.hint))
+    });
+    told.collect()
 }
 
 /// Checks the names inside an application or a composite whose references are not followed.

@@ -40,6 +40,7 @@ const UNSAFE: &[&str] = &[
     "framework-daemon/src/port/exchange.rs",
     "framework-daemon/src/port/input.rs",
     "framework-daemon/src/port/output.rs",
+    "framework-daemon/src/port/own.rs",
     "framework-daemon/src/port/pattern/requestor.rs",
     "framework-daemon/src/port/tap.rs",
     "framework-daemon/src/sys/arch/aarch64.rs",

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 
-use super::directory::{Board, Directory};
+use super::directory::{self, Board, Directory};
 use super::interface::{INTERFACES, Method, PortName, Refusal};
 use super::{composites, helpers, stream, views};
 use crate::exec::emergency;
@@ -98,7 +98,7 @@ impl Sight {
     fn all_ports(&self) -> Vec<Value> {
         let Some(directory) = self.board.newest() else { return Vec::new() };
         let wires = directory.wires();
-        let own = directory.entries.iter().flat_map(|entry| views::ports(entry, &wires));
+        let own = directory.slots().flat_map(|slot| views::ports(slot, &wires));
         let voters = helpers::ports(&directory, &wires, None);
         own.chain(voters).chain(composites::all_ports(&directory, &wires)).collect()
     }
@@ -113,10 +113,10 @@ impl Sight {
             let port = helpers::ports(&directory, &directory.wires(), Some(&name.slot)).into_iter().next();
             return Ok(json!({"port": shown.or(port), "layout": views::layout(output.object)}));
         }
-        let entry = stream::entry(&directory, &name.slot)?;
-        let found = views::ports(entry, &directory.wires()).into_iter().find(|port| port["port"] == *name.port);
-        let missing = || Refusal::NoSuchPort(name.clone(), entry.missing(&name.port));
-        let (port, layout) = found.zip(views::port_layout(&entry.slot, &name.port)).ok_or_else(missing)?;
+        let slot = stream::slot(&directory, &name.slot)?;
+        let found = views::ports(slot, &directory.wires()).into_iter().find(|port| port["port"] == *name.port);
+        let missing = || Refusal::NoSuchPort(name.clone(), directory::missing_port(slot, &name.port));
+        let (port, layout) = found.zip(views::port_layout(slot, &name.port)).ok_or_else(missing)?;
         Ok(json!({"port": shown.unwrap_or(port), "layout": layout}))
     }
 }
@@ -126,7 +126,7 @@ fn ports_of(directory: &Directory, slot: &str) -> Result<Vec<Value>, Refusal> {
     let shown = composites::ports_of(directory, slot);
     let wires = directory.wires();
     let voter = || Some(helpers::ports(directory, &wires, Some(slot))).filter(|ports| !ports.is_empty());
-    let own = || Ok(views::ports(stream::entry(directory, slot)?, &wires));
+    let own = || Ok(views::ports(stream::slot(directory, slot)?, &wires));
     shown.or_else(voter).map_or_else(own, Ok)
 }
 

@@ -63,7 +63,7 @@ fn shown(directory: &Directory, composite: &CompositePlan) -> Value {
 
 fn ports(directory: &Directory, composite: &CompositePlan, wires: &Wires) -> Vec<Value> {
     let exported = |(name, inner): &(String, PortRef)| {
-        let own = directory.entry(&inner.slot).map(|entry| views::ports(entry, wires));
+        let own = directory.entry(&inner.slot).map(|entry| views::ports(&entry.slot, wires));
         let all = own.unwrap_or_else(|| helpers::ports(directory, wires, Some(&inner.slot)));
         // The port itself, or the methods of a service: `motors/drive`.
         let shown = |mut port: Value| {

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use crate::exec::slot::Slot;
 use crate::exec::workshop::Shelf;
+use crate::fault::ports;
 use crate::port::output::OutPort;
 use crate::profile::plan::{CompositePlan, Plan, PortRef, SlotPlan};
 use crate::profile::suggest;
@@ -103,23 +104,27 @@ impl Directory {
     }
 }
 
-impl Entry {
-    fn port_names(&self) -> Vec<&str> {
-        let slot = &self.slot;
-        let data = slot.inputs.iter().map(|port| &port.name).chain(slot.outputs.iter().map(|port| &port.name));
-        let services =
-            slot.requestors.iter().map(|port| &port.name).chain(slot.providers.iter().map(|port| &port.name));
-        let events = slot.events.names();
-        data.chain(services).map(String::as_str).chain(events).collect()
-    }
+fn port_names(slot: &Slot) -> Vec<&str> {
+    let data = slot.inputs.iter().map(|port| &port.name).chain(slot.outputs.iter().map(|port| &port.name));
+    let services = slot.requestors.iter().map(|port| &port.name).chain(slot.providers.iter().map(|port| &port.name));
+    let events = slot.events.names();
+    data.chain(services).map(String::as_str).chain(events).collect()
+}
 
+/// Why the slot has no port of that name, with the way out.
+#[must_use]
+pub fn missing_port(slot: &Slot, name: &str) -> String {
+    let known = port_names(slot);
+    let slot = slot.name;
+    let hint = suggest::hint(name, &known, |name| format!("`{slot}.{name}`"));
+    format!("slot `{slot}` has no port `{name}`; {}", hint.unwrap_or_else(|| "it has no ports".to_owned()))
+}
+
+impl Entry {
     /// Why the slot has no port of that name, with the way out.
     #[must_use]
     pub fn missing(&self, name: &str) -> String {
-        let known = self.port_names();
-        let slot = self.slot.name;
-        let hint = suggest::hint(name, &known, |name| format!("`{slot}.{name}`"));
-        format!("slot `{slot}` has no port `{name}`; {}", hint.unwrap_or_else(|| "it has no ports".to_owned()))
+        missing_port(&self.slot, name)
     }
 }
 
@@ -144,13 +149,18 @@ fn address<P>(port: *const P) -> usize {
 }
 
 impl Directory {
+    /// The slots, and what the fault manager's ports belong to.
+    pub fn slots(&self) -> impl Iterator<Item = &Arc<Slot>> {
+        self.entries.iter().map(|entry| &entry.slot).chain([ports::shared().slot()])
+    }
+
     /// Who is connected with whom now: connections change at run time. No port is dropped by looking: the slots of both ends
     /// are held here.
     #[must_use]
     pub fn wires(&self) -> Wires {
         let mut wires = Wires(HashMap::new());
         let mut served: HashMap<usize, End> = HashMap::new();
-        for Entry { slot, .. } in &self.entries {
+        for slot in self.slots() {
             let end = |port: &str| End { slot: slot.name, port: port.to_owned() };
             served.extend(slot.inputs.iter().map(|port| (address(Arc::as_ptr(port)), end(&port.name))));
             served.extend(slot.providers.iter().map(|port| (address(Arc::as_ptr(port)), end(&port.name))));
@@ -158,7 +168,7 @@ impl Directory {
             served.extend(events.inputs.iter().map(|input| (address(Arc::as_ptr(&input.port)), end(&input.port.name))));
             served.extend(events.servers.iter().map(|port| (address(Arc::as_ptr(port)), end(&port.name))));
         }
-        for Entry { slot, .. } in &self.entries {
+        for slot in self.slots() {
             let own = |port: &str| End { slot: slot.name, port: port.to_owned() };
             join_outputs(slot.outputs.iter().chain(&slot.events.outputs), slot.name, &served, &mut wires);
             let asking =

@@ -8,7 +8,9 @@ use serde_json::{Value, json};
 use super::composites;
 use super::directory::{Directory, End, Entry};
 use super::interface::{PortName, Refusal};
+use crate::exec::slot::Slot;
 use crate::fault::feed::{Cursor, Feed, Line, Next};
+use crate::fault::ports;
 
 /// Somebody who follows the faults.
 #[derive(Debug)]
@@ -120,6 +122,15 @@ impl Hz {
 /// When there is none.
 pub(super) fn entry<'a>(directory: &'a Directory, slot: &str) -> Result<&'a Entry, Refusal> {
     directory.entry(slot).ok_or_else(|| Refusal::NoSuchComponent(slot.to_owned(), directory.missing(slot)))
+}
+
+/// The slot of that name, or what the fault manager's ports belong to.
+///
+/// # Errors
+/// When there is none.
+pub(super) fn slot<'a>(directory: &'a Directory, name: &str) -> Result<&'a Arc<Slot>, Refusal> {
+    let manager = ports::shared().slot();
+    if name == manager.name { Ok(manager) } else { entry(directory, name).map(|entry| &entry.slot) }
 }
 
 /// An input itself; for an output the reader whose only writer it is, or else the first.

@@ -134,7 +134,7 @@ pub fn component_details(directory: &Directory, entry: &Entry, outlook: &Outlook
     }
     fields["recoveries_late"] = recovery.late.load(Ordering::Relaxed).into();
     fields["tasks"] = entry.slot.tasks.all().iter().map(|each| task(each)).collect::<Vec<_>>().into();
-    fields["ports"] = ports(entry, &directory.wires()).into();
+    fields["ports"] = ports(&entry.slot, &directory.wires()).into();
     fields
 }
 
@@ -174,8 +174,7 @@ fn executor(plan: &SlotPlan) -> &str {
 
 /// The ports of a slot: inputs, outputs, clients, servers, event ports.
 #[must_use]
-pub fn ports(entry: &Entry, wires: &Wires) -> Vec<Value> {
-    let slot = &entry.slot;
+pub fn ports(slot: &Slot, wires: &Wires) -> Vec<Value> {
     let inputs = slot.inputs.iter().map(|port| input(slot.name, port, wires.of(port)));
     let outputs = slot.outputs.iter().map(|port| output(slot.name, port, wires.of(port)));
     let clients = slot.requestors.iter().map(|port| client(slot.name, port, wires.of(port)));

@@ -43,6 +43,12 @@ pub struct Cast {
 }
 
 impl Cast {
+    /// The slots.
+    #[must_use]
+    pub fn slots(&self) -> Vec<Arc<Slot>> {
+        self.hands.iter().map(|hand| Arc::clone(&hand.slot)).collect()
+    }
+
     /// Of that plan, whose slots these are, in its order.
     #[must_use]
     pub fn new(plan: &Plan, hands: Vec<Hand>) -> Self {

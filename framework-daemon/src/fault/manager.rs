@@ -14,9 +14,10 @@ use super::handle::{Cast, Handler, Line, Reasons};
 use super::journal::Journal;
 use super::ledger::{Ledger, Verdict};
 use super::order::Order;
-use super::words;
+use super::{ports, words};
 use crate::exec::emergency::{self, Notice};
 use crate::exec::recover::lost_events;
+use crate::exec::slot::Slot;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Memory, Outcome, RestartRequest, Stage};
 use crate::model::limits::{EMERGENCY_NOTICES, FAULT_EVENTS};
 use crate::model::symptom::Symptom;
@@ -102,7 +103,9 @@ pub fn start(journal: SharedJournal) -> std::io::Result<(Manager, FaultSender)> 
     let (asks, restarts) = bounded(1);
     let shared = Arc::new(Shared::default());
     let (symbols, handler) = (Symbols::default(), Handler::default());
-    let desk = Desk { journal, asks, shared: Arc::clone(&shared), symbols, handler, notices: Vec::new(), lost: 0 };
+    let (slots, notices_kept) = (Vec::new(), Vec::new());
+    let shared_too = Arc::clone(&shared);
+    let desk = Desk { journal, asks, shared: shared_too, symbols, handler, slots, notices: notices_kept, lost: 0 };
     let thread = thread::spawn("fault-manager", move || desk.serve(&inbox, &notices, &wished))?;
     Ok((Manager { thread, restarts, wishes, shared }, sender))
 }
@@ -167,6 +170,8 @@ struct Desk {
     shared: Arc<Shared>,
     symbols: Symbols,
     handler: Handler,
+    /// What runs, as far as it is handled.
+    slots: Vec<Arc<Slot>>,
     notices: Vec<Notice>,
     lost: u64,
 }
@@ -181,6 +186,7 @@ impl Desk {
                     Ok(event) => self.take(&event),
                     Err(_) => break,
                 },
+                recv(ports::shared().rung()) -> _ => self.hear(),
                 recv(notices) -> notice => notice.iter().for_each(|notice| self.note(*notice)),
                 recv(wishes) -> wish => match wish {
                     Ok(wish) => self.grant(wish),
@@ -193,12 +199,15 @@ impl Desk {
     fn grant(&mut self, wish: Wish) {
         match wish {
             Wish::Adopt(cast, done) => {
+                self.slots = cast.slots();
                 let lines = self.handler.adopt(*cast);
                 self.follow(lines);
+                self.hear();
                 let _ = done.send(());
             }
             Wish::Withdraw(done) => {
                 self.handler.withdraw();
+                self.slots.clear();
                 let _ = done.send(());
             }
             Wish::Obey(order) => {
@@ -208,6 +217,13 @@ impl Desk {
                 });
                 (order.answer)(obeyed);
             }
+        }
+    }
+
+    /// Passes on what components report; as long as nothing is known of what runs, it waits.
+    fn hear(&self) {
+        if !self.slots.is_empty() {
+            ports::shared().hear(&self.slots);
         }
     }
 
@@ -247,6 +263,7 @@ impl Desk {
         let sequence = written.0.get("seq").and_then(Value::as_u64).unwrap_or_default();
         self.publish(written);
         tell(event, &origin);
+        ports::shared().tell(event, sequence, &describe(&event.fault, &origin));
         let lines = self.handler.take(event, sequence, root);
         self.tell_notices();
         self.follow(lines);

@@ -29,6 +29,9 @@ pub mod manager;
 /// What an operator orders.
 pub mod order;
 
+/// The fault manager's ports: what components hear of faults, and report.
+pub mod ports;
+
 /// How all slots are, and what follows; pure.
 pub mod situation;
 

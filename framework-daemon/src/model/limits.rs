@@ -220,6 +220,8 @@ pub const HANG_ATTEMPTS_IN_DAEMON: u32 = 1_000;
 pub const RECOVERY_STEPS_MAX: usize = 2 * SECONDARIES;
 /// Largest checkpoint of one slot, in bytes.
 pub const CHECKPOINT_BYTES: usize = 16 << 20;
+/// Reports of components that wait for the fault manager; the oldest ones give way.
+pub const FAULT_REPORTS: usize = 256;
 /// Longest file of checkpoints, in bytes.
 pub const CHECKPOINT_FILE_BYTES: u64 = 1 << 30;
 /// Runs that may go on from one checkpoint without any of them making another: it may be what ends them.

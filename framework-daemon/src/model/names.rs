@@ -5,6 +5,9 @@ use std::sync::Mutex;
 
 static NAMES: Mutex<Option<HashSet<&'static str>>> = Mutex::new(None);
 
+/// The slot whose ports are the fault manager's; no component has its name.
+pub const FAULT_MANAGER: &str = "fault_manager";
+
 /// The one copy of `name` that lives as long as the process. Bounded by the number of distinct names.
 #[must_use]
 pub fn intern(name: &str) -> &'static str {

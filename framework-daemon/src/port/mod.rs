@@ -31,6 +31,9 @@ pub mod exchange;
 /// Output ports and their connections.
 pub mod output;
 
+/// Ends of ports that belong to the daemon itself.
+pub mod own;
+
 /// Whether a port may wait.
 pub mod gate;
 /// The blocks of an output port.

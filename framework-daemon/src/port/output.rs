@@ -333,6 +333,11 @@ impl OutPort {
         self.tell(Status::ProviderReplaced);
     }
 
+    /// True of what was sent from here.
+    pub(super) fn owns(&self, sample: &Sample) -> bool {
+        self.blocks.has(sample) || self.aside().has(sample)
+    }
+
     /// Lends a block that no reader holds.
     #[inline]
     pub(super) fn loan(&self, borrower: Borrower) -> LoanResult {

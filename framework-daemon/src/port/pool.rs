@@ -87,6 +87,11 @@ impl Pool {
         LoanResult { value: block.value(), initialised: block.is_filled() }
     }
 
+    /// True of one of its blocks.
+    pub(super) fn has(&self, sample: &Sample) -> bool {
+        (0..self.count.load(Ordering::Acquire)).any(|index| self.get(index).is_some_and(|own| Arc::ptr_eq(own, sample)))
+    }
+
     /// The block on loan, if that is where its value lies.
     #[inline]
     pub(super) fn lent(&self, value: *mut u8) -> Option<&Sample> {

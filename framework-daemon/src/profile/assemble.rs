@@ -17,6 +17,7 @@ use super::plan::{
 use super::source::{Spot, Word};
 use super::wire::Port;
 use crate::model::limits;
+use crate::model::names::FAULT_MANAGER;
 
 /// What a name in an assembly stands for.
 #[derive(Debug)]
@@ -118,6 +119,10 @@ impl Assembler {
                 let message = format!("slot \"{}\" is already declared in line {line}", name.text);
                 self.error(&name.spot, message, "give each subcomponent a name of its own");
                 continue;
+            }
+            if name.text == FAULT_MANAGER {
+                let message = format!("\"{FAULT_MANAGER}\" is the fault manager's own name");
+                self.error(&name.spot, message, "give the slot another one");
             }
             lines.insert(&name.text, name.spot.location().line);
             let placed = self.subcomponent(files, &document.path, subcomponent, prefix);

@@ -11,6 +11,7 @@ use super::plan::{
 use super::source::Word;
 use super::suggest;
 use crate::model::limits;
+use crate::model::names::FAULT_MANAGER;
 
 /// A port that a connection can end at.
 #[derive(Clone, Debug)]
@@ -25,6 +26,23 @@ pub struct Port {
     pub type_name: String,
     /// The slot's port that it is.
     pub end: PortRef,
+}
+
+/// The fault manager's ports, which every file may name.
+#[must_use]
+pub fn ports_of_fault_manager() -> Vec<Port> {
+    let port = |name: &str, is_source, type_name: &str| Port {
+        name: name.to_owned(),
+        kind: PortKind::Event,
+        is_source,
+        type_name: type_name.to_owned(),
+        end: PortRef { slot: FAULT_MANAGER.to_owned(), port: name.to_owned() },
+    };
+    vec![
+        port("faults", true, "FaultNotice"),
+        port("all_faults", true, "FaultNotice"),
+        port("report", false, "FaultReport"),
+    ]
 }
 
 impl Assembler {
@@ -128,6 +146,10 @@ impl Assembler {
                 (is_it.then(|| (**port).clone()).into_iter().collect(), false)
             }
             Some(Placed::Broken) => return None,
+            None if end.component.text == FAULT_MANAGER => {
+                let named = |port: &Port| port.name == end.port.text && port.kind == kind;
+                (ports_of_fault_manager().into_iter().filter(named).collect(), false)
+            }
             None => {
                 self.unknown_slot(&end.component, scope);
                 return None;
@@ -148,6 +170,7 @@ impl Assembler {
             }
             Some(Placed::Composite(ports, _)) => ports.clone(),
             Some(Placed::Voter(port)) => vec![(**port).clone()],
+            None if component.text == FAULT_MANAGER => ports_of_fault_manager(),
             Some(Placed::Broken) | None => Vec::new(),
         }
     }

@@ -7,8 +7,10 @@ use component_sdk::abi::class::{Direction, Pattern, PortDecl};
 use component_sdk::object::TypeDescriptor;
 
 use super::blueprint::Blueprint;
-use super::system::{Placed, by_name};
+use super::system::Placed;
 use super::wiring::{at, complain, no_such_port};
+use crate::exec::slot::Slot;
+use crate::fault::ports;
 use crate::model::limits::{ACTIVATIONS_DEFAULT, FIFO_SIZE_DEFAULT, WAIT};
 use crate::model::time::nanoseconds;
 use crate::port::check::Checks;
@@ -126,15 +128,21 @@ pub fn build(
     if errors.is_empty() { Ok(wiring) } else { Err(errors) }
 }
 
+/// Slots by name, and among them what the fault manager's ports belong to.
+fn by_name(slots: &[Placed]) -> HashMap<&str, &Slot> {
+    let manager: &Slot = ports::shared().slot();
+    slots.iter().map(|placed| &*placed.slot).chain([manager]).map(|slot| (slot.name, slot)).collect()
+}
+
 fn events(connections: &[ConnectionPlan]) -> impl Iterator<Item = &ConnectionPlan> {
     connections.iter().filter(|connection| connection.kind == PortKind::Event)
 }
 
-fn ends(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>) -> Result<Ends, String> {
+fn ends(connection: &ConnectionPlan, slots: &HashMap<&str, &Slot>) -> Result<Ends, String> {
     let (from, to) = (&connection.source, &connection.target);
     let missing = || no_such_port(connection);
-    let source = &slots.get(from.slot.as_str()).ok_or_else(missing)?.slot.events;
-    let target = &slots.get(to.slot.as_str()).ok_or_else(missing)?.slot.events;
+    let source = &slots.get(from.slot.as_str()).ok_or_else(missing)?.events;
+    let target = &slots.get(to.slot.as_str()).ok_or_else(missing)?.events;
     find(connection, source, target)
 }
 
@@ -229,13 +237,13 @@ fn second_server(client: &PortRef) -> String {
 
 impl EventWiring {
     /// Somebody speaks of that port.
-    fn speak_of(&mut self, PortRef { slot, port }: &PortRef, slots: &HashMap<&str, &Placed>) {
-        let Some(placed) = slots.get(slot.as_str()) else { return };
-        let ports = &placed.slot.events;
+    fn speak_of(&mut self, PortRef { slot, port }: &PortRef, slots: &HashMap<&str, &Slot>) {
+        let Some(slot) = slots.get(slot.as_str()) else { return };
+        let ports = &slot.events;
         if let Some(input) = ports.inputs.iter().find(|input| input.port.name == *port)
             && self.readers.iter().all(|known| !Arc::ptr_eq(&known.input, input))
         {
-            self.readers.push(Reader { slot: placed.slot.name, input: Arc::clone(input), writers: Vec::new() });
+            self.readers.push(Reader { slot: slot.name, input: Arc::clone(input), writers: Vec::new() });
         }
         if let Some(client) = ports.clients.iter().find(|client| client.name == *port)
             && self.askers.iter().all(|known| !Arc::ptr_eq(&known.client, client))

@@ -12,6 +12,7 @@ use super::helpers::{self, Helpers};
 use super::services::{self, Calls};
 use super::system::{Placed, by_name};
 use crate::exec::slot::Slot;
+use crate::fault::ports;
 use crate::port::border::PortEnd;
 use crate::port::check::Checks;
 use crate::port::input::InPort;
@@ -193,7 +194,8 @@ pub fn disconnect(slots: &[Placed]) {
 
 /// Tells whoever wires at run time which ports there are, and which of them composites show.
 pub fn announce(registry: &Registry, slots: &[Placed], helpers: &Helpers, composites: &[CompositePlan]) {
-    let entries = slots.iter().flat_map(|Placed { slot, .. }| {
+    let manager = ports::shared().slot();
+    let entries = slots.iter().map(|placed| &placed.slot).chain([manager]).flat_map(|slot| {
         ends(slot).map(|end| Entry { slot: slot.name, is_listed: !slot.unlisted.contains(&end.name()), end })
     });
     let voters = helpers.named().map(|(slot, voter)| {

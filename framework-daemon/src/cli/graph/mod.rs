@@ -9,6 +9,7 @@ use clap::{Args, ValueEnum};
 pub mod dot;
 /// Where everything is drawn.
 pub mod layout;
+mod manager;
 /// For Markdown.
 pub mod mermaid;
 /// A picture of its own.
@@ -79,7 +80,7 @@ fn needed(dependency: &DependencyPlan) -> String {
 /// Only those of writing.
 pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     let plan = match profile::load(&arguments.dir) {
-        Ok(loaded) => loaded.plan,
+        Ok(loaded) => manager::shown(loaded.plan),
         Err(diagnostics) => {
             for finding in diagnostics.iter().filter(|finding| finding.is_error()) {
                 writeln!(io::stderr(), "{finding}")?;

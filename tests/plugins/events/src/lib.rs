@@ -2,6 +2,7 @@
 //!
 //! The watcher runs one case in each callback and logs how it went. What its peer does, each request says.
 
+mod faults;
 mod heard;
 mod measurer;
 mod wired;
@@ -11,6 +12,7 @@ use std::time::Duration;
 
 use component_sdk::prelude::*;
 
+pub use faults::{FaultListener, FaultReporter};
 pub use measurer::{Measurer, OtherMeasurer};
 
 /// All cases, each named after the line of the tables that it stands for; those that cost the measurer its life come last.
@@ -257,4 +259,4 @@ impl Watcher {
     }
 }
 
-export_components!(Watcher, Measurer, OtherMeasurer);
+export_components!(Watcher, Measurer, OtherMeasurer, FaultListener, FaultReporter);

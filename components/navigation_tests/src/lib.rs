@@ -4,6 +4,11 @@
 //! clock: a run of half a minute takes a fraction of a second, and the same seed gives the same run. The daemon's part (threads,
 //! ports, recovery) has its own tests; here only the robot's behaviour is in question.
 
+/// The experiment of the paper's figure 10 as a drawing.
+pub mod figure10;
+/// The power of the left wheels fails, and a model of them tells.
+pub mod power_off;
+
 use std::time::Duration;
 
 use avoidance_primary::steering as primary;

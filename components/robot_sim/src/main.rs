@@ -46,6 +46,9 @@ struct Arguments {
     /// Pull a sensor of the ultrasonic ring out: its number, and after how many simulated seconds
     #[arg(long, value_name = "SENSOR@S", value_parser = sensor_and_time)]
     unplug: Option<(usize, Duration)>,
+    /// Let the power of the left wheels fail this many seconds after the first command to drive
+    #[arg(long, value_name = "S")]
+    left_power_off: Option<f64>,
     /// Keep to real time (the default)
     #[arg(long, conflicts_with = "speed")]
     realtime: bool,
@@ -95,6 +98,9 @@ fn player(arguments: &Arguments) -> Result<Player, Box<dyn std::error::Error>> {
     let mut simulation = Simulation::new(world, arguments.seed);
     if let Some((sensor, at)) = arguments.unplug {
         simulation.unplug(sensor, at);
+    }
+    if let Some(seconds) = arguments.left_power_off {
+        simulation.cut_left_power_after(Duration::try_from_secs_f64(seconds)?);
     }
     Ok(Player::new(simulation, pty, camera, recorder))
 }

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::board::Board;
 use crate::camera::{self, Frame};
 use crate::geometry::Pose;
+use crate::motor::Drive;
 use crate::noise::Noise;
 use crate::robot::Robot;
 use crate::scene::Scene;
@@ -62,6 +63,26 @@ pub struct Simulation {
     unplugged: Option<(usize, u64)>,
     sonar_noise: Noise,
     camera_noise: Noise,
+    left_power: LeftPower,
+}
+
+/// The supply of the left wheels' drivers, which may fail. The board does not notice.
+#[derive(Debug, Clone, Copy, Default)]
+struct LeftPower {
+    /// How long after the first command to drive it fails, in microseconds; `None`: never.
+    lasts_us: Option<u64>,
+    /// When the first command to drive came.
+    driven_us: Option<u64>,
+}
+
+impl LeftPower {
+    fn fails_us(self) -> Option<u64> {
+        Some(self.driven_us? + self.lasts_us?)
+    }
+
+    fn is_off(self, now_us: u64) -> bool {
+        self.fails_us().is_some_and(|fails_us| now_us >= fails_us)
+    }
 }
 
 impl Simulation {
@@ -80,12 +101,25 @@ impl Simulation {
             unplugged: None,
             sonar_noise: Noise::new(seed, 1),
             camera_noise: Noise::new(seed, 2),
+            left_power: LeftPower::default(),
         }
     }
 
     /// Sensor `sensor` of the ultrasonic ring is pulled out at that time of the simulation, and hears nothing any more.
     pub fn unplug(&mut self, sensor: usize, at: Duration) {
         self.unplugged = Some((sensor, u64::try_from(at.as_micros()).unwrap_or(u64::MAX)));
+    }
+
+    /// Lets the power of the left wheels' drivers fail that long after the first command to drive. Nobody is told: the board goes on
+    /// as if they had it.
+    pub fn cut_left_power_after(&mut self, time: Duration) {
+        self.left_power.lasts_us = Some(u64::try_from(time.as_micros()).unwrap_or(u64::MAX / 2));
+    }
+
+    /// When the power of the left wheels failed; `None`: it has not.
+    #[must_use]
+    pub fn left_power_off(&self) -> Option<Duration> {
+        self.left_power.fails_us().filter(|fails_us| self.now_us >= *fails_us).map(Duration::from_micros)
     }
 
     /// The world as loaded.
@@ -102,6 +136,10 @@ impl Simulation {
 
     /// Gives the board a command now.
     pub fn command(&mut self, command: Command) {
+        if matches!(command, Command::WheelVelocities(speeds) if speeds.left_rad_s != 0.0 || speeds.right_rad_s != 0.0)
+        {
+            self.left_power.driven_us.get_or_insert(self.now_us);
+        }
         self.board.command(command, self.now_us);
     }
 
@@ -152,7 +190,10 @@ impl Simulation {
 
     fn tick(&mut self, sent: &mut Vec<Telemetry>) {
         let dt = TICK.as_secs_f64();
-        let drives = self.board.drives(self.now_us, dt);
+        let mut drives = self.board.drives(self.now_us, dt);
+        if self.left_power.is_off(self.now_us) {
+            drives.left = Drive::Neutral;
+        }
         self.robot.step(drives, &self.scene, dt);
         self.now_us += TICK.as_micros() as u64;
         if self.robot.wheel_speeds().iter().any(|speed| speed.abs() > STANDING_RAD_S) {

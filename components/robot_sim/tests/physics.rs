@@ -88,6 +88,21 @@ fn without_power_on_one_side_it_turns_about_that_side() {
 }
 
 #[test]
+fn power_that_fails_stops_the_left_wheels_and_the_board_does_not_tell() {
+    let mut robot = open_room();
+    robot.cut_left_power_after(Duration::from_secs(1));
+    hold(&mut robot, speeds(0.0, 0.0), 0.5);
+    let before = hold(&mut robot, speeds(6.0, 6.0), 0.98);
+    assert!(robot.left_power_off().is_none());
+    let after = hold(&mut robot, speeds(6.0, 6.0), 0.5);
+    assert_eq!(robot.left_power_off(), Some(Duration::from_millis(1500)));
+    let [left, _, right, _] = robot.truth().wheels_rad_s;
+    assert!(left.abs() < 0.01 && right > 5.5, "{left} {right}");
+    assert!(last_ticks(&after)[2] > last_ticks(&before)[2]);
+    assert!(last_flags(&after).contains(StatusFlags::LEFT_POWER));
+}
+
+#[test]
 fn it_stops_by_itself_when_commands_cease() {
     let mut robot = open_room();
     hold(&mut robot, speeds(6.4, 6.4), 1.0);

@@ -85,6 +85,7 @@ impl Watch {
             match record {
                 Record::Start { world, .. } => self.world = Some(world),
                 Record::Truth(moment) => self.track.push(moment),
+                Record::Power { .. } => {}
                 Record::End(end) => self.end = Some(end),
             }
         }

@@ -54,6 +54,7 @@ pub struct Player {
     encoder: Encoder,
     decoder: Decoder<Command>,
     recorded: Duration,
+    power_off_recorded: bool,
     way: (Point, f64),
 }
 
@@ -70,6 +71,7 @@ impl Player {
             encoder: Encoder::new(),
             decoder: Decoder::new(),
             recorded: Duration::ZERO,
+            power_off_recorded: false,
             way: (start, 0.0),
         }
     }
@@ -134,6 +136,10 @@ impl Player {
     }
 
     fn note(&mut self) -> Result<(), ServeError> {
+        if let Some(failed) = self.simulation.left_power_off().filter(|_| !self.power_off_recorded) {
+            self.power_off_recorded = true;
+            self.record(&Record::Power { mono_ns: mono_ns(), t: failed.as_secs_f64() })?;
+        }
         if self.simulation.time() < self.recorded + RECORD_PERIOD {
             return Ok(());
         }

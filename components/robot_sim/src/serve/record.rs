@@ -28,6 +28,13 @@ pub enum Record {
     },
     /// What was really the case at a moment.
     Truth(Moment),
+    /// The power of the left wheels failed.
+    Power {
+        /// Monotonic clock, nanoseconds.
+        mono_ns: u64,
+        /// Seconds since the simulation began.
+        t: f64,
+    },
     /// The last line.
     End(End),
 }

@@ -7,6 +7,8 @@ use clap::{Args, ValueEnum};
 
 /// For Graphviz.
 pub mod dot;
+/// What the framework inserts.
+pub mod inserted;
 /// Where everything is drawn.
 pub mod layout;
 mod manager;
@@ -80,7 +82,7 @@ fn needed(dependency: &DependencyPlan) -> String {
 /// Only those of writing.
 pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     let plan = match profile::load(&arguments.dir) {
-        Ok(loaded) => manager::shown(loaded.plan),
+        Ok(loaded) => inserted::with_helpers(manager::shown(loaded.plan)),
         Err(diagnostics) => {
             for finding in diagnostics.iter().filter(|finding| finding.is_error()) {
                 writeln!(io::stderr(), "{finding}")?;

@@ -74,7 +74,7 @@ pub fn callback(samples: usize) -> (Samples, Samples) {
 }
 
 /// A component whose `on_execute` does next to nothing.
-fn idle_unit(fibers: &mut Fibers) -> Box<Unit> {
+pub(super) fn idle_unit(fibers: &mut Fibers) -> Box<Unit> {
     let plugin = Plugin::load(&plugin_dir().join("libbasic.so"), &HOST).expect("the plugin is built");
     let class = plugin.class("Diary").expect("the plugin has it");
     let limits = Limits { stack_bytes: STACK, budget_ns: None, hang_ns: 1_000_000_000 };

@@ -22,6 +22,9 @@ pub mod wire;
 /// What a guarded call costs.
 pub mod guard;
 
+/// A checkpoint of a component.
+pub mod checkpoint;
+
 /// The emergency stop.
 pub mod emergency;
 

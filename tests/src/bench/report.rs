@@ -9,7 +9,8 @@ struct Target {
     most: f64,
 }
 
-const TARGETS: [Target; 8] = [
+const TARGETS: [Target; 9] = [
+    Target { bench: "checkpoint", field: "p50_ns", most: 1.3 },
     Target { bench: "query_cross_executor", field: "p50_ns", most: 1.15 },
     Target { bench: "hop_cross_executor", field: "p50_ns", most: 1.15 },
     Target { bench: "trap_recovery", field: "p50_ns", most: 1.5 },

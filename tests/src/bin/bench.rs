@@ -9,7 +9,7 @@ use serde_json::Value;
 use tests::bench::load::Load;
 use tests::bench::rig::Payload;
 use tests::bench::stats::{Samples, Setting};
-use tests::bench::{emergency, erlang, fault_stop, guard, hang, hop, recovery, report, validity, wire};
+use tests::bench::{checkpoint, emergency, erlang, fault_stop, guard, hang, hop, recovery, report, validity, wire};
 
 /// As in the daemon.
 #[global_allocator]
@@ -38,8 +38,9 @@ struct Arguments {
     from: Option<PathBuf>,
 }
 
-const NAMES: [&str; 14] = [
+const NAMES: [&str; 15] = [
     "guard_cost",
+    "checkpoint",
     "validity_check",
     "hop_same_executor",
     "hop_cross_executor",
@@ -56,6 +57,8 @@ const NAMES: [&str; 14] = [
 ];
 /// Fault-stops of a closure.
 const CLOSURES: usize = 30;
+/// Copies of a component's state.
+const CHECKPOINTS: usize = 20_000;
 /// Connections made and cut.
 const REWIRES: usize = 10_000;
 /// How long the data path of each kind is measured.
@@ -84,6 +87,7 @@ fn main() -> io::Result<()> {
     }));
     let mut run = Run { arguments, lines: Vec::new() };
     run.guard_cost()?;
+    run.hop("checkpoint", "64 KiB", "idle", "other", || checkpoint::measure(CHECKPOINTS))?;
     run.hop("validity_check", "16 fields", "idle", "other", || validity::check(1000))?;
     for (load, threads) in LOADS {
         for sched in SCHEDS {

@@ -105,7 +105,7 @@ fn covered(graph: &Graph, covers: &[(Number, u64)], number: Number) -> Option<Re
     let nodes = graph.nodes();
     let reaches = |by: Number| nodes[by].coverage == Coverage::System || nodes[by].executor == nodes[number].executor;
     let (by, root) = covers.iter().find(|(by, _)| *by != number && reaches(*by))?;
-    Some(Reason { why: Why::Covered(*by), root: Some(*root) })
+    Some(Reason { why: Why::Covered(*by), root: Some(*root).filter(|root| *root != 0) })
 }
 
 /// The first need of a node that is not met, and the latest fault behind it.
@@ -116,7 +116,8 @@ fn unmet(graph: &Graph, verdicts: &[Verdict], own: &[Own], number: Number) -> Op
     let index = needs.iter().position(is_unmet)?;
     let root_of = |needed: &Number| match verdicts[*needed] {
         Verdict::Faulty => match own.get(*needed) {
-            Some(Own::Faulty(root)) => Some(*root),
+            // Without a number where its event was lost.
+            Some(Own::Faulty(root)) => Some(*root).filter(|root| *root != 0),
             _ => None,
         },
         Verdict::Held(reason) => reason.root,

@@ -105,7 +105,8 @@ pub fn start(journal: SharedJournal) -> std::io::Result<(Manager, FaultSender)> 
     let (symbols, handler) = (Symbols::default(), Handler::default());
     let (slots, notices_kept) = (Vec::new(), Vec::new());
     let shared_too = Arc::clone(&shared);
-    let desk = Desk { journal, asks, shared: shared_too, symbols, handler, slots, notices: notices_kept, lost: 0 };
+    let desk =
+        Desk { journal, asks, shared: shared_too, symbols, handler, slots, notices: notices_kept, lost: lost_events() };
     let thread = thread::spawn("fault-manager", move || desk.serve(&inbox, &notices, &wished))?;
     Ok((Manager { thread, restarts, wishes, shared }, sender))
 }
@@ -179,7 +180,7 @@ struct Desk {
 impl Desk {
     /// Until the last executor is gone.
     fn serve(mut self, inbox: &Receiver<FaultEvent>, notices: &Receiver<Notice>, wishes: &Receiver<Wish>) {
-        let mut wishes = wishes.clone();
+        let (mut notices, mut wishes) = (notices.clone(), wishes.clone());
         loop {
             select! {
                 recv(inbox) -> event => match event {
@@ -187,7 +188,11 @@ impl Desk {
                     Err(_) => break,
                 },
                 recv(ports::shared().rung()) -> _ => self.hear(),
-                recv(notices) -> notice => notice.iter().for_each(|notice| self.note(*notice)),
+                recv(notices) -> notice => match notice {
+                    Ok(notice) => self.note(notice),
+                    // Another fault manager of this process hears of the emergency stop.
+                    Err(_) => notices = crossbeam_channel::never(),
+                },
                 recv(wishes) -> wish => match wish {
                     Ok(wish) => self.grant(wish),
                     Err(_) => wishes = crossbeam_channel::never(),

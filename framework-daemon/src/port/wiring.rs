@@ -246,9 +246,9 @@ pub(super) fn join(output: &Arc<OutPort>, from: Name<'_>, input: &Arc<InPort>, t
     add(&mut sources, output, link).map_err(|Busy| busy(from))
 }
 
-/// The fault of a writer that cannot be connected.
-#[must_use]
-pub fn mismatch(said: std::fmt::Arguments<'_>) -> Fault {
+/// The fault of a writer that cannot be connected while it runs. A plan that does not fit is refused as a whole, and nobody's
+/// fault but its author's.
+fn mismatch(said: std::fmt::Arguments<'_>) -> Fault {
     Fault::told(Symptom::Type, clock::now_ns(), Evidence::Text { message: ShortText::of(said) })
 }
 

@@ -127,9 +127,14 @@ fn severities(element: &Element, report: &mut Reporter) -> SeverityTable {
 }
 
 /// A slot that is late works again: to reset it once more would only be later still, and cost the resets that a fault needs.
-/// So a reset of it must be asked for by name.
+/// So a reset of it must be asked for by name. A slot that somebody tried to connect wrongly works as before, whatever its
+/// other faults ask for.
 fn is_covered(symptom: Symptom, default: Severity) -> bool {
-    symptom != Symptom::Late || default != Severity::Reset
+    match symptom {
+        Symptom::Type => false,
+        Symptom::Late => default != Severity::Reset,
+        _ => true,
+    }
 }
 
 fn unknown_symptom(rule: &Element, report: &mut Reporter) {

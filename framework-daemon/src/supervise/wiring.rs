@@ -89,13 +89,7 @@ fn planned(connection: &ConnectionPlan, slots: &HashMap<&str, &Placed>, helpers:
     let target = slots.get(to.slot.as_str()).and_then(|placed| placed.slot.input(&to.port));
     let (source, target) = source.zip(target).ok_or_else(|| no_such_port(connection))?;
     all_listed(connection, |end| slots.get(end.slot.as_str()).map(|placed| placed.slot.unlisted.clone()))?;
-    let checks = compare(connection, source.object, target.object);
-    if let Err(reason) = &checks
-        && source.object.difference(target.object).is_some()
-    {
-        source.charge(&wiring::mismatch(format_args!("{reason}")));
-    }
-    let checks = checks?;
+    let checks = compare(connection, source.object, target.object)?;
     Ok(Planned { output: Arc::clone(source), checks: Arc::new(checks) })
 }
 

@@ -50,7 +50,8 @@ static SEVERITY: ElementRule = ElementRule {
     attributes: &[optional(
         "symptom",
         Kind::Name,
-        "Symptom; none: every symptom that no other severity names. crash covers all crash.*.",
+        "Symptom; none: every symptom that no other severity names, but type, and late where it says reset. crash covers \
+         all crash.*.",
     )],
     children: &[],
     content: Content::Value(Kind::OneOf(&["ignore", "reset", "stop", "emergency"])),

@@ -4,26 +4,32 @@ use serde_json::Value;
 use tests::profiles::{Profiles, application, plugin_dir, slot};
 use tests::running::Running;
 
+/// All on one executor: whatever delays one delays all.
+const HERE: &str = "<executor>main</executor>";
+
 fn amplifier(name: &str, properties: &[(&str, &str)], rules: &str) -> String {
     let property =
         |(name, value): &(&str, &str)| format!("<property name=\"{name}\" type=\"std::string\">{value}</property>");
     let properties: String = properties.iter().map(property).collect();
-    slot(name, "Amplifier", &format!("<properties>{properties}</properties><fault_tolerance>{rules}</fault_tolerance>"))
+    let inside = format!("{HERE}<properties>{properties}</properties><fault_tolerance>{rules}</fault_tolerance>");
+    slot(name, "Amplifier", &inside)
 }
 
 /// A wave that drives a plant; a model that nobody connects; the ear hears the plant.
 fn plant(script: &str, plant: &[(&str, &str)], rules: &str, model: &str) -> Profiles {
-    let script = format!("<properties><property name=\"script\" type=\"std::string\">{script}</property></properties>");
+    let script =
+        format!("{HERE}<properties><property name=\"script\" type=\"std::string\">{script}</property></properties>");
     let slots = [
         slot("wave", "Wave", &script),
         amplifier("plant", plant, rules),
         amplifier("model", &[("gain", "2")], ""),
-        slot("ear", "Ear", ""),
+        slot("ear", "Ear", HERE),
     ];
     let text = application(&slots, &["wave.out -> plant.heard", "plant.said -> ear.heard"]);
     let model = format!("<reference_model component=\"model\" {model}/>\n</application_profile>");
     let profiles = Profiles::new(&text.replace("</application_profile>", &model));
     profiles.describe(&plugin_dir().join("libsignals.so"));
+    profiles.write("system.xml", "<system_profile><name>s</name><executor name=\"main\"/></system_profile>");
     profiles
 }
 

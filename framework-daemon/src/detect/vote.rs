@@ -164,6 +164,8 @@ pub struct Poll {
     silent: Members,
     /// Too few agreed in the last vote.
     few: bool,
+    /// There was a vote.
+    has_begun: bool,
 }
 
 /// A vote, and what it changed.
@@ -200,6 +202,7 @@ impl Poll {
             outvoted: Members::default(),
             silent: Members::default(),
             few: false,
+            has_begun: false,
         }
     }
 
@@ -216,7 +219,8 @@ impl Poll {
     }
 
     /// A member delivers. It is voted when all that are not silent have delivered since the last vote, or when one delivers a
-    /// second time: the fastest one sets the pace, and of the others counts what they said last. Allocates nothing.
+    /// second time: the fastest one sets the pace, and of the others counts what they said last. The first vote waits for all,
+    /// as long as each may be silent: slots start one after the other. Allocates nothing.
     pub fn deliver(&mut self, member: usize, value: f64, now_ns: u64) -> Option<Vote> {
         if member >= self.members {
             return None;
@@ -226,7 +230,7 @@ impl Poll {
         let was_fresh = self.fresh.has(member);
         self.fresh.add(member);
         let all_delivered = (0..self.members).all(|other| self.fresh.has(other) || self.is_silent(other, now_ns));
-        (was_fresh || all_delivered).then(|| self.vote(now_ns))
+        ((was_fresh && self.has_begun) || all_delivered).then(|| self.vote(now_ns))
     }
 
     /// A member was reset or replaced: what it said, that it was outvoted or silent, counts no more.
@@ -270,7 +274,7 @@ impl Poll {
         };
         result.fell_out.iter().for_each(|member| self.outvoted.add(member));
         result.came_back.iter().for_each(|member| self.outvoted.remove(member));
-        (self.silent, self.few, self.fresh) = (silent, few, Members::default());
+        (self.silent, self.few, self.fresh, self.has_begun) = (silent, few, Members::default(), true);
         result
     }
 }

@@ -108,6 +108,22 @@ impl FieldPath {
         matches!(self.shape, Shape::One | Shape::Element(_))
     }
 
+    /// True where it names a number that lies at one offset: no element of a sequence.
+    #[must_use]
+    pub const fn is_in_place(&self) -> bool {
+        matches!(self.shape, Shape::One)
+    }
+
+    /// The number of a field that [lies in place](Self::is_in_place); the first one of an array.
+    ///
+    /// # Safety
+    /// As [`Self::all`], and the path names no sequence.
+    #[inline]
+    pub unsafe fn in_place(&self, object: *const u8) -> f64 {
+        // SAFETY: by contract a number of this kind lies at this offset.
+        unsafe { self.load(object.add(self.offset), 0) }
+    }
+
     /// The first number of the field; `None`: there is none, because a sequence is too short.
     ///
     /// # Safety

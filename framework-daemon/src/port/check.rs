@@ -1,5 +1,6 @@
 //! Checks on the values of a port or connection, compiled from `<validity>` at load: an offset load and two comparisons
-//! for a range, and one word that says that all was well before.
+//! for a range, and one word for all of them that says that all was well before. Only a value that fails this first look, or
+//! follows one that did, is put to each rule by itself.
 //!
 //! The value lies in the memory of a component and may hold pointers that lead nowhere: while it is looked at, nothing is
 //! locked and nothing is held that a trap would leak.
@@ -9,14 +10,14 @@
 //! writer's slot.
 
 use std::cell::Cell;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 use component_sdk::object::TypeDescriptor;
 use component_sdk::object::path::PathError;
 
 use super::block::Sample;
-use super::rule::{self, Found, Rule};
+use super::rule::{self, Found, Plain, Rule};
 use crate::model::fault::{Evidence, Fault, Label, Stage};
 use crate::model::symptom::Symptom;
 use crate::profile::plan::{OnInvalid, Validity};
@@ -26,6 +27,12 @@ use crate::sys::seat::{self, Note};
 #[derive(Default)]
 pub struct Checks {
     rules: Vec<Rule>,
+    /// Those of constant bounds, side by side, for the first look.
+    plain: Vec<Plain>,
+    /// The places of the others in `rules`.
+    others: Vec<usize>,
+    /// So many rules remember a bad value.
+    restless: AtomicUsize,
     /// One of them holds the last valid value.
     holds: bool,
     /// The next value begins all episodes anew. A flag, because a recovery sets it, which waits for no lock.
@@ -109,7 +116,9 @@ impl Checks {
         let compiled = validity.iter().map(|rule| rule::compile(rule, object));
         let rules: Vec<Rule> = compiled.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
         let holds = rules.iter().any(|rule| rule.on_invalid == OnInvalid::Hold);
-        Ok(Self { rules, holds, ..Self::default() })
+        let plain = rules.iter().filter_map(Rule::plain).collect();
+        let others = (0..rules.len()).filter(|place| rules[*place].plain().is_none()).collect();
+        Ok(Self { rules, plain, others, holds, ..Self::default() })
     }
 
     /// Those of a connection without any: one for all.
@@ -151,27 +160,47 @@ impl Checks {
     #[allow(unsafe_code, reason = "the rules were compiled for the type of this port's blocks")]
     pub(super) fn judge(&self, port: &str, candidate: &Candidate<'_>, now_ns: u64) -> Verdict {
         if self.anew.load(Ordering::Relaxed) && self.anew.swap(false, Ordering::AcqRel) {
-            self.rules.iter().for_each(Rule::begin_anew);
+            self.rules.iter().for_each(|rule| rule.begin_anew(&self.restless));
         }
-        let mut worst = None;
-        for rule in &self.rules {
-            // SAFETY: `compile` resolved the fields with the descriptor of this port, connections join equal layouts only, and
-            // what a component sends is a valid object; a pointer in it that is not is a trap of that component.
-            let found = unsafe { rule.find(candidate.value, now_ns) };
-            if found.is_none() && rule.is_calm() {
-                continue;
-            }
-            note(rule, port, found.as_ref(), candidate, now_ns);
-            if found.is_some() {
-                worst = worst.max(Some(weight(rule.on_invalid)));
-            }
-        }
+        // SAFETY: `compile` resolved the fields with the descriptor of this port, connections join equal layouts only, and what a
+        // component sends is a valid object; a pointer in it that is not is a trap of that component.
+        let mut plain = self.plain.iter().map(|rule| unsafe { rule.holds(candidate.value) });
+        let worst = if self.restless.load(Ordering::Relaxed) == 0 && plain.all(|holds| holds) {
+            self.worst(self.others.iter().map(|place| &self.rules[*place]), port, candidate, now_ns)
+        } else {
+            self.worst(self.rules.iter(), port, candidate, now_ns)
+        };
         match worst {
             None if self.holds => self.keep((candidate.sample)()),
             None | Some(PASS) => Verdict::Pass,
             Some(HOLD) => lock(&self.last_valid).clone().map_or(Verdict::Withhold, Verdict::Instead),
             Some(_) => Verdict::Withhold,
         }
+    }
+
+    /// Puts a value to these rules: what the gravest of those that it breaks asks for.
+    #[inline]
+    #[allow(unsafe_code, reason = "as `judge`")]
+    fn worst<'a>(
+        &self,
+        rules: impl Iterator<Item = &'a Rule>,
+        port: &str,
+        candidate: &Candidate<'_>,
+        now_ns: u64,
+    ) -> Option<u8> {
+        let mut worst = None;
+        for rule in rules {
+            // SAFETY: as in `judge`.
+            let found = unsafe { rule.find(candidate.value, now_ns) };
+            if found.is_none() && rule.is_calm() {
+                continue;
+            }
+            note(rule, port, found.as_ref(), candidate, now_ns, &self.restless);
+            if found.is_some() {
+                worst = worst.max(Some(weight(rule.on_invalid)));
+            }
+        }
+        worst
     }
 
     fn keep(&self, valid: Option<Sample>) -> Verdict {
@@ -199,8 +228,15 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// A bad value, or one that ends a time of bad ones.
 #[cold]
-fn note(rule: &Rule, port: &str, found: Option<&Found>, candidate: &Candidate<'_>, now_ns: u64) {
-    rule.note(found.is_some(), now_ns, |stage| {
+fn note(
+    rule: &Rule,
+    port: &str,
+    found: Option<&Found>,
+    candidate: &Candidate<'_>,
+    now_ns: u64,
+    restless: &AtomicUsize,
+) {
+    rule.note(found.is_some(), now_ns, restless, |stage| {
         let evidence = evidence(rule, port, found);
         match stage {
             Stage::Confirmed => report(rule.symptom(), evidence),

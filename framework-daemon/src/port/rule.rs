@@ -30,6 +30,12 @@ pub(super) struct Rule {
     episode: AtomicU64,
 }
 
+/// A rule with constant bounds for a number that lies in place, as it is looked at first: an offset load and two comparisons.
+pub(super) struct Plain {
+    path: FieldPath,
+    bounds: Bounds,
+}
+
 /// What holds of a number.
 enum Test {
     /// Constant bounds.
@@ -123,9 +129,17 @@ impl Rule {
         same_test && key(self) == key(other)
     }
 
+    /// The rule as it is looked at first, where that is all of it.
+    pub(super) const fn plain(&self) -> Option<Plain> {
+        match self.test {
+            Test::Constant(bounds) if self.path.is_in_place() => Some(Plain { path: self.path, bounds }),
+            _ => None,
+        }
+    }
+
     /// What comes next is another writer's.
-    pub(super) fn begin_anew(&self) {
-        self.episode.store(0, Relaxed);
+    pub(super) fn begin_anew(&self, restless: &AtomicUsize) {
+        self.put(0, restless);
         if let Test::Rate(rates) = &self.test {
             rates.known.store(0, Relaxed);
         }
@@ -199,15 +213,47 @@ impl Rule {
     }
 
     /// Takes note of a value; what is to be told, if `tell` takes it. One that is not taken is asked again with the next value.
-    pub(super) fn note(&self, is_bad: bool, now_ns: u64, tell: impl FnOnce(Stage) -> bool) {
+    pub(super) fn note(&self, is_bad: bool, now_ns: u64, restless: &AtomicUsize, tell: impl FnOnce(Stage) -> bool) {
         let before = self.episode.load(Relaxed);
         let (after, stage) = Episode::from_word(before).after(is_bad, now_ns, self.delay_ns);
         let after = after.to_word();
-        let Some(stage) = stage else { return self.episode.store(after, Relaxed) };
+        let Some(stage) = stage else { return self.put(after, restless) };
         // Whoever else writes at the same moment has told of it.
-        if self.episode.compare_exchange(before, after, Relaxed, Relaxed).is_ok() && !tell(stage) {
-            self.episode.store(before, Relaxed);
+        if self.episode.compare_exchange(before, after, Relaxed, Relaxed).is_ok() {
+            count(before, after, restless);
+            if !tell(stage) {
+                self.put(before, restless);
+            }
         }
+    }
+
+    /// The episode goes on as `word`.
+    fn put(&self, word: u64, restless: &AtomicUsize) {
+        count(self.episode.swap(word, Relaxed), word, restless);
+    }
+}
+
+impl Plain {
+    /// True when the number keeps the rule.
+    ///
+    /// # Safety
+    /// As [`Rule::find`].
+    #[inline]
+    #[allow(unsafe_code, reason = "as `find`")]
+    pub(super) unsafe fn holds(&self, object: *const u8) -> bool {
+        // SAFETY: by contract; it lies in place.
+        let value = unsafe { self.path.in_place(object) };
+        value >= self.bounds.min && value <= self.bounds.max
+    }
+}
+
+/// Counts the rules that remember a bad value: of each word that took the place of another, so that it is exact whoever writes.
+fn count(before: u64, after: u64, restless: &AtomicUsize) {
+    match (before, after) {
+        (0, 0) => {}
+        (0, _) => drop(restless.fetch_add(1, Relaxed)),
+        (_, 0) => drop(restless.fetch_sub(1, Relaxed)),
+        _ => {}
     }
 }
 

@@ -1,5 +1,6 @@
-//! The loop: take an event, find its place in the code, write it down, tell it, count it. An ordinary thread: recovery never
-//! waits for it.
+//! The loop: take an event, find its place in the code, write it down, tell it, count it. Recovery never
+//! waits for it, so it is no real-time thread: a flood of faults must not take a processor from those who work. Those who depend on
+//! a faulty one wait for it to be stopped, so it goes before all others that are none.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -107,7 +108,10 @@ pub fn start(journal: SharedJournal) -> std::io::Result<(Manager, FaultSender)> 
     let shared_too = Arc::clone(&shared);
     let desk =
         Desk { journal, asks, shared: shared_too, symbols, handler, slots, notices: notices_kept, lost: lost_events() };
-    let thread = thread::spawn("fault-manager", move || desk.serve(&inbox, &notices, &wished))?;
+    let thread = thread::spawn("fault-manager", move || {
+        thread::hurry();
+        desk.serve(&inbox, &notices, &wished);
+    })?;
     Ok((Manager { thread, restarts, wishes, shared }, sender))
 }
 

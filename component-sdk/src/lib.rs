@@ -43,6 +43,9 @@ pub mod component;
 /// What a callback is given: clock, log, `raise_fault`.
 pub mod context;
 
+/// Devices that are lost and found again.
+pub mod device;
+
 /// Communication objects: what makes a type one, and what its description is good for.
 pub mod object;
 

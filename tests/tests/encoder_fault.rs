@@ -146,8 +146,8 @@ fn profiles(line: &Line, place: &Path) -> std::path::PathBuf {
                 replace("/tmp/robot-board", &line.name);
                 replace("/tmp/robot-camera", &place.join("camera").to_string_lossy());
                 replace(
-                    "<severity symptom=\"raised\">ignore</severity>",
-                    "<severity symptom=\"raised\">ignore</severity><severity symptom=\"validity\">emergency</severity>",
+                    "<severity symptom=\"device\">ignore</severity>",
+                    "<severity symptom=\"device\">ignore</severity><severity symptom=\"validity\">emergency</severity>",
                 );
             }
             "MotionBoard.xml" => replace(

@@ -9,6 +9,7 @@ use abi_stable::StableAbi;
 use abi_stable::std_types::{RSlice, RStr};
 
 use super::calls::CallApi;
+use super::device::DeviceApi;
 use super::events::EventApi;
 use super::links::LinkApi;
 use super::payload::{LoanResult, PortHandle, ReadMode, ReadResult};
@@ -57,6 +58,8 @@ pub struct HostApi {
     pub tasks: TaskApi,
     /// Push ports.
     pub pushes: PushApi,
+    /// Devices lost and found.
+    pub devices: DeviceApi,
 }
 
 static HOST: AtomicPtr<HostApi> = AtomicPtr::new(std::ptr::null_mut());
@@ -94,6 +97,7 @@ static DETACHED: HostApi = HostApi {
     links: LinkApi::CLOSED,
     tasks: TaskApi::CLOSED,
     pushes: PushApi::CLOSED,
+    devices: DeviceApi::CLOSED,
 };
 
 mod detached {

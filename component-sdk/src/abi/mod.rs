@@ -24,6 +24,9 @@ pub mod class;
 /// The entry symbol and the shims behind it.
 pub mod export;
 
+/// Devices lost and found.
+pub mod device;
+
 /// Connections made and cut at run time.
 pub mod links;
 
@@ -46,4 +49,4 @@ pub mod payload;
 pub mod task;
 
 /// Version of the binary contract. Anything but growth at the end of a prefix type raises it.
-pub const ABI_VERSION: u32 = 2;
+pub const ABI_VERSION: u32 = 3;

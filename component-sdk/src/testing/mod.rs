@@ -21,6 +21,7 @@
 #![allow(unsafe_code, reason = "address of unsafe: plays the daemon's side of the border")]
 
 mod calls;
+mod devices;
 mod events;
 mod links;
 mod pushes;
@@ -67,7 +68,7 @@ struct BenchPort {
 
 thread_local! {
     static RECORD: RefCell<Record> = const {
-        RefCell::new(Record { now_ns: 0, logs: Vec::new(), faults: Vec::new(), safe_outputs: Vec::new(), wirings: Vec::new(), tasks: Vec::new(), cancelled: false, error: String::new() })
+        RefCell::new(Record { now_ns: 0, logs: Vec::new(), faults: Vec::new(), devices: devices::Told::NONE, safe_outputs: Vec::new(), wirings: Vec::new(), tasks: Vec::new(), cancelled: false, error: String::new() })
     };
 }
 
@@ -75,6 +76,7 @@ struct Record {
     now_ns: u64,
     logs: Vec<(u8, String)>,
     faults: Vec<String>,
+    devices: devices::Told,
     safe_outputs: Vec<(i32, Vec<u8>)>,
     wirings: Vec<String>,
     tasks: Vec<tasks::Started>,
@@ -97,7 +99,11 @@ impl<C: Callbacks> Bench<C> {
     /// When a text does not fit its property, or names none.
     pub fn with(properties: &[(&str, &str)]) -> Result<Self, crate::component::ComponentError> {
         host::set(&BENCH);
-        drop(RECORD.with_borrow_mut(|record| std::mem::take(&mut record.tasks)));
+        let left = RECORD.with_borrow_mut(|record| {
+            record.devices = devices::Told::NONE;
+            std::mem::take(&mut record.tasks)
+        });
+        drop(left);
         let decl = C::DECL;
         if let Some((name, _)) =
             properties.iter().find(|(name, _)| decl.properties.iter().all(|p| p.name.as_str() != *name))
@@ -295,6 +301,7 @@ static BENCH: HostApi = HostApi {
     links: links::API,
     tasks: tasks::API,
     pushes: pushes::API,
+    devices: devices::API,
 };
 
 extern "C" fn clock() -> u64 {

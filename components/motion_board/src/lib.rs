@@ -1,6 +1,6 @@
 //! Driver of the motion board: wheel commands out, encoders and echoes in, over a serial line.
 
-use std::io;
+use std::io::{self, ErrorKind};
 use std::time::Duration;
 
 use board_protocol::{StatusFlags, Telemetry};
@@ -16,6 +16,9 @@ use link::{BoardClock, Link};
 
 /// A wheel command older than this counts as "neutral"; the board's own watchdog (200 ms) is the second guard.
 const COMMAND_LASTS: Duration = Duration::from_millis(150);
+
+/// A board that says nothing for so long is lost, though its line may be open: it speaks 70 times a second.
+const SPEAKS_WITHIN: Duration = Duration::from_secs(1);
 
 /// Speaks with the motion board.
 #[derive(Component)]
@@ -40,7 +43,7 @@ pub struct MotionBoard {
     clock: BoardClock,
     status: StatusFlags,
     retry: Retry,
-    lost: bool,
+    heard: Instant,
 }
 
 impl Callbacks for MotionBoard {
@@ -49,9 +52,10 @@ impl Callbacks for MotionBoard {
             return Ok(());
         }
         match self.open(cx).and_then(|()| self.exchange(cx)) {
-            Ok(()) => Ok(()),
+            Ok(()) => {}
             Err(loss) => self.lose(cx, &loss),
         }
+        Ok(())
     }
 
     fn stop(&mut self, cx: &mut Context<'_>) -> Outcome {
@@ -76,7 +80,7 @@ impl MotionBoard {
             // If the daemon itself dies, this stops the wheels sooner than the board's watchdog.
             cx.safe_output(link.line(), &link::neutral());
             self.clock = BoardClock::default();
-            self.lost = false;
+            self.heard = cx.now();
             info!(cx, "motion board opened at {}", self.device);
         }
         Ok(())
@@ -93,21 +97,34 @@ impl MotionBoard {
         let in_time = self.wheels.age(cx).is_some_and(|age| age <= COMMAND_LASTS);
         let WheelCommand { left, right } = self.wheels.newest().filter(|_| in_time).copied().unwrap_or_default();
         link.drive(left, right)?;
-        link.listen(|message| match message {
-            Telemetry::Encoders(reading) => _ = self.encoders.write(telemetry::counts(&reading, &mut self.clock)),
-            Telemetry::Ultrasonic(round) => _ = self.echoes.write(telemetry::ring(&round, &mut self.clock)),
-            Telemetry::Status(status) => telemetry::tell_changes(cx, &mut self.status, status.flags),
-        })
+        let mut speaks = false;
+        link.listen(|message| {
+            speaks = true;
+            match message {
+                Telemetry::Encoders(reading) => _ = self.encoders.write(telemetry::counts(&reading, &mut self.clock)),
+                Telemetry::Ultrasonic(round) => _ = self.echoes.write(telemetry::ring(&round, &mut self.clock)),
+                Telemetry::Status(status) => telemetry::tell_changes(cx, &mut self.status, status.flags),
+            }
+        })?;
+        self.tell_whether_it(speaks, cx);
+        Ok(())
     }
 
-    /// The first loss is a fault; while it lasts, one attempt after the other is made quietly.
-    fn lose(&mut self, cx: &Context<'_>, loss: &io::Error) -> Outcome {
-        self.close(cx);
-        if !std::mem::replace(&mut self.lost, true) {
-            let device = &self.device;
-            cx.raise_fault(&format!("no motion board at {device}: {loss}; check cable, power, property `device`"));
+    /// One that is silent is told to stop all the same, as it may hear: its line stays open.
+    fn tell_whether_it(&mut self, speaks: bool, cx: &Context<'_>) {
+        if speaks {
+            self.heard = cx.now();
+            cx.device_found(&self.device);
+        } else if cx.now().since(self.heard) > SPEAKS_WITHIN {
+            let silence =
+                io::Error::new(ErrorKind::TimedOut, "the board says nothing; has it power, is `baud` its own?");
+            cx.device_lost(&self.device, &silence);
         }
-        Ok(())
+    }
+
+    fn lose(&mut self, cx: &Context<'_>, loss: &io::Error) {
+        self.close(cx);
+        cx.device_lost(&self.device, loss);
     }
 }
 

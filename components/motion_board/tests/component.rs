@@ -130,7 +130,8 @@ fn a_board_that_hangs_up_is_one_fault_too() {
     execute(&mut bench);
     drop((board, device));
     (0..100).for_each(|_| execute(&mut bench));
-    assert_eq!(Bench::<MotionBoard>::faults().len(), 1);
+    assert_eq!(Bench::<MotionBoard>::device_news().len(), 1);
+    assert_eq!(Bench::<MotionBoard>::lost_devices(), [name]);
     bench.stop().expect("nobody is left to be told");
 }
 
@@ -138,6 +139,21 @@ fn a_board_that_hangs_up_is_one_fault_too() {
 fn a_lost_board_is_one_fault_and_is_tried_again() {
     let mut bench = Bench::<MotionBoard>::with(&[("device", "/dev/not-there")]).expect("valid");
     (0..100).for_each(|_| execute(&mut bench));
-    let faults = Bench::<MotionBoard>::faults();
-    assert!(matches!(faults.as_slice(), [one] if one.contains("/dev/not-there")), "{faults:?}");
+    let news = Bench::<MotionBoard>::device_news();
+    assert!(matches!(news.as_slice(), [one] if one.contains("/dev/not-there lost: ")), "{news:?}");
+}
+
+#[test]
+fn a_board_that_falls_silent_is_lost_until_it_speaks() {
+    let (mut board, _device, name) = Board::new();
+    let mut bench = Bench::<MotionBoard>::with(&[("device", &name)]).expect("valid");
+    (0..90).for_each(|_| execute(&mut bench));
+    assert!(Bench::<MotionBoard>::device_news().is_empty(), "it may take a moment");
+    (0..90).for_each(|_| execute(&mut bench));
+    assert_eq!(Bench::<MotionBoard>::lost_devices(), std::slice::from_ref(&name));
+    assert_eq!(board.hear(), NEUTRAL, "it may hear all the same");
+    board.say(Telemetry::Encoders(Encoders { time_us: 1, ticks: [1; 4] }));
+    let _: EncoderCounts = wait_for(&mut bench, "encoders");
+    assert!(Bench::<MotionBoard>::lost_devices().is_empty());
+    assert_eq!(Bench::<MotionBoard>::device_news().last(), Some(&format!("{name} found")));
 }

@@ -27,7 +27,6 @@ pub struct VisionSensor {
     stream: Option<UnixStream>,
     reader: FrameReader,
     retry: Retry,
-    lost: bool,
 }
 
 impl Callbacks for VisionSensor {
@@ -36,9 +35,13 @@ impl Callbacks for VisionSensor {
             return Ok(());
         }
         match self.look(cx) {
-            Ok(()) => Ok(()),
-            Err(loss) => self.lose(cx, &loss),
+            Ok(()) => cx.device_found(&self.socket),
+            Err(loss) => {
+                self.stream = None;
+                cx.device_lost(&self.socket, &loss);
+            }
         }
+        Ok(())
     }
 
     fn stop(&mut self, _: &mut Context<'_>) -> Outcome {
@@ -61,7 +64,6 @@ impl VisionSensor {
             None => {
                 let stream = self.stream.insert(connect(&self.socket)?);
                 self.reader.restart();
-                self.lost = false;
                 info!(cx, "camera connected at {}", self.socket);
                 stream
             }
@@ -71,16 +73,6 @@ impl VisionSensor {
             let mut image = self.image.loan();
             fill(&mut image, &frame);
             image.send();
-        }
-        Ok(())
-    }
-
-    /// The first loss is a fault; while it lasts, one attempt after the other is made quietly.
-    fn lose(&mut self, cx: &Context<'_>, loss: &io::Error) -> Outcome {
-        self.stream = None;
-        if !std::mem::replace(&mut self.lost, true) {
-            let socket = &self.socket;
-            cx.raise_fault(&format!("no camera at {socket}: {loss}; is it running? (property `socket`; trying again)"));
         }
         Ok(())
     }

@@ -18,7 +18,7 @@ fn frame(sequence: u32) -> Vec<u8> {
 
 fn execute(bench: &mut Bench<VisionSensor>) -> Option<Image> {
     bench.advance(Duration::from_millis(300));
-    bench.execute().expect("a lost camera is raised, not returned");
+    bench.execute().expect("a lost camera is told of, not returned");
     bench.take("image")
 }
 
@@ -34,7 +34,7 @@ fn frames_arrive_and_a_lost_camera_is_found_again() {
     let mut bench = Bench::<VisionSensor>::with(&[("socket", &socket)]).expect("valid");
     assert_eq!(execute(&mut bench), None);
     assert_eq!(execute(&mut bench), None);
-    assert_eq!(Bench::<VisionSensor>::faults().len(), 1, "one fault for one loss, however long it lasts");
+    assert_eq!(Bench::<VisionSensor>::device_news().len(), 1, "one fault for one loss, however long it lasts");
 
     let listener = UnixListener::bind(&path).expect("the path is free");
     assert_eq!(execute(&mut bench), None);
@@ -48,7 +48,7 @@ fn frames_arrive_and_a_lost_camera_is_found_again() {
 
     drop(camera);
     assert_eq!(execute(&mut bench), None);
-    assert_eq!(Bench::<VisionSensor>::faults().len(), 1);
+    assert_eq!(Bench::<VisionSensor>::device_news().len(), 2, "found, and lost again");
     assert_eq!(execute(&mut bench), None);
     let (mut camera, _) = listener.accept().expect("it has connected again");
     send(&mut camera, &frame(8));

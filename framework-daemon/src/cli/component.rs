@@ -163,6 +163,7 @@ fn describe(component: &Value) -> Vec<String> {
     shown["severity"] = severity(&component["severity"]).into();
     shown["reset"] = intensity(&component["reset"]).into();
     let mut lines = fields(&shown, &FIELDS);
+    lines.extend(section("lost devices", &["device", "lost_ns"], &rows("lost_devices")));
     lines.extend(section("properties", &["name", "type", "value"], &rows("properties")));
     lines.extend(section("secondaries", &["class", "preload"], &rows("secondaries")));
     lines.extend(section("tasks", &["task", "runs", "count"], &rows("tasks")));

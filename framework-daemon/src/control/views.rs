@@ -8,6 +8,7 @@ use component_sdk::object::TypeDescriptor;
 use serde_json::{Value, json};
 
 use super::directory::{Directory, End, Entry, Wires};
+use crate::detect::device::Lost;
 use crate::exec::slot::Slot;
 use crate::exec::task::Task;
 use crate::exec::workshop::Shelf;
@@ -25,6 +26,7 @@ use crate::port::pattern::provider::Provider;
 use crate::port::pattern::requestor::Requestor;
 use crate::profile::plan::{Execution, Queue, SlotPlan, Trigger};
 use crate::supervise::monitors::MONITOR;
+use crate::sys::clock;
 
 /// Columns of the table of slots, in order. Each is a field of [`of_running`].
 const COLUMNS: [&str; 10] =
@@ -48,10 +50,30 @@ pub fn of_running(slot: &Slot, shelf: &Shelf, outlook: &Outlook) -> Value {
     let mut fields = of_slot(slot, slot.status.state());
     fields["spares"] = ready.into();
     fields["spares_wanted"] = wanted.into();
+    let lost = slot.devices.lost();
+    if !lost.is_empty() {
+        fields["lost_devices"] = lost.iter().map(lost_device).collect::<Vec<_>>().into();
+    }
     if let Some(reason) = outlook.reason(slot.name) {
         fields["reason"] = reason.into();
     }
     fields
+}
+
+/// A device that is lost.
+fn lost_device(lost: &Lost) -> Value {
+    json!({"device": lost.device.as_str(), "lost_ns": clock::now_ns().saturating_sub(lost.since_ns)})
+}
+
+/// `slot motors: left sonar is lost, for 3.2 s`, a line each.
+fn lost_devices(slots: &[Value]) -> impl Iterator<Item = String> + '_ {
+    slots.iter().flat_map(|slot| {
+        let lost = slot["lost_devices"].as_array().map(Vec::as_slice).unwrap_or_default();
+        lost.iter().map(|lost| {
+            let seconds = lost["lost_ns"].as_f64().unwrap_or_default() / 1e9;
+            format!("slot {}: {} is lost, for {seconds:.1} s", cell(&slot["slot"]), cell(&lost["device"]))
+        })
+    })
 }
 
 /// What faults have cost the process, and what they may cost.
@@ -69,6 +91,7 @@ pub fn status_table(slots: &[Value], process: &Value) -> Vec<String> {
     // Where all run there is nothing to give reasons for.
     let has_reasons = slots.iter().any(|slot| !slot["reason"].is_null());
     let mut lines = table(&COLUMNS[..COLUMNS.len() - usize::from(!has_reasons)], slots);
+    lines.extend(lost_devices(slots));
     lines.push(format!(
         "threads given up: {} of at most {}; instances given up: {} of at most {}; memory: {memory}",
         count("threads_lost"),

@@ -24,5 +24,8 @@ pub mod range;
 /// How fast a value changes.
 pub mod rate;
 
+/// Devices that are lost.
+pub mod device;
+
 /// A time of bad values, debounced.
 pub mod episode;

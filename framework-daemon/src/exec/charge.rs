@@ -19,6 +19,10 @@ impl Member {
     /// Answers what others charge the slot with. One that does not work has nothing to answer for: it is only written down.
     pub(super) fn hear_charges(&mut self, crew: &mut Crew) {
         while let Some(fault) = self.slot.charges.next() {
+            if Self::is_of_device(&fault) {
+                self.hear_of_device(&fault, crew);
+                continue;
+            }
             match self.state() {
                 State::Active => self.handle(&fault, crew),
                 _ => self.note(&fault, crew),

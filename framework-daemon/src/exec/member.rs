@@ -14,6 +14,7 @@ use super::slot::Slot;
 use super::strand::{Job, Pause, Strand};
 use super::unit::Unit;
 use super::workshop::Shelf;
+use crate::detect::device::LostDevices;
 use crate::model::fault::{Fault, FaultSender};
 use crate::model::ladder::Ladder;
 use crate::model::lifecycle::{Event, State};
@@ -109,6 +110,8 @@ pub struct Member {
     pub checkpoint: Option<Checkpoint>,
     /// Its inputs whose silence is a fault.
     pub watched: Vec<Watched>,
+    /// Devices of its component that are lost.
+    pub lost_devices: LostDevices,
     /// A recovery that waits for its next try.
     pub breath: Option<Box<Breath>>,
     /// How far a fault-stop reaches.
@@ -226,6 +229,7 @@ impl Member {
             self.next_due_ns = (clock::now_ns() / period + 1) * period;
         }
         self.slot.outputs.iter().for_each(|port| port.forget_episodes());
+        self.lost_devices.begin_anew();
         self.begin_to_watch();
         let _ = self.signal.take();
         if self.trigger == Trigger::Nonperiodic && self.slot.inputs.iter().any(|port| port.has_data()) {

@@ -31,6 +31,9 @@ pub mod astray;
 /// Faults of a slot that somebody else saw.
 pub mod charge;
 
+/// Devices that components tell of.
+mod device;
+
 /// Silence at a slot's inputs.
 pub mod silence;
 

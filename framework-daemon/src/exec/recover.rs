@@ -136,6 +136,7 @@ impl Member {
         }
         self.step(Event::Fault);
         self.slot.outputs.iter().for_each(|port| port.forget_episodes());
+        self.lost_devices.begin_anew();
         self.climb(fault, Climb { class, answer, second: None, failures: 0, record }, crew);
     }
 

@@ -8,6 +8,7 @@ use crate::model::fault::Memory;
 use crate::model::lifecycle::State;
 use crate::port::border::PortEnd;
 use crate::port::charge::Charges;
+use crate::port::devices::Devices;
 use crate::port::event_ends::EventEnds;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
@@ -32,6 +33,8 @@ pub struct Slot {
     pub events: EventEnds,
     /// What others charge it with.
     pub charges: Arc<Charges>,
+    /// Its component's devices.
+    pub devices: Arc<Devices>,
     /// Threads of its component.
     pub tasks: Arc<Tasks>,
     /// Values that arrive, or cycles that begin, enter a handler of it.

@@ -349,6 +349,7 @@ fn describe(fault: &Fault, origin: &Origin) -> String {
         Evidence::Value { port, field, value, limit } if fault.symptom != Symptom::Overload => {
             text = value_in_words(port.as_str(), field.as_str(), *value, *limit);
         }
+        Evidence::Device { .. } => text = words::of_device(&fault.evidence, fault.stage),
         Evidence::Model { .. } | Evidence::Vote { .. } | Evidence::Quorum { .. } => {
             text = words::of_helper(&fault.evidence).unwrap_or(text);
         }

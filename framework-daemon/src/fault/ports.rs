@@ -21,6 +21,7 @@ use crate::model::names::FAULT_MANAGER;
 use crate::model::symptom::Symptom;
 use crate::port::charge::Charges;
 use crate::port::check::Checks;
+use crate::port::devices::Devices;
 use crate::port::event_ends::EventEnds;
 use crate::port::event_in::EventIn;
 use crate::port::input::{InPort, Listener};
@@ -85,6 +86,7 @@ impl Default for Ports {
 /// A slot that nothing runs in.
 fn slot(events: EventEnds, waiter: Arc<Waiter>) -> Slot {
     let signal = Signal::new(Bell::new());
+    let charges = Arc::new(Charges::new(Arc::clone(&signal)));
     Slot {
         name: FAULT_MANAGER,
         inputs: Vec::new(),
@@ -93,7 +95,8 @@ fn slot(events: EventEnds, waiter: Arc<Waiter>) -> Slot {
         providers: Vec::new(),
         unlisted: Vec::new(),
         events,
-        charges: Arc::new(Charges::new(Arc::clone(&signal))),
+        devices: Arc::new(Devices::new(Arc::clone(&charges))),
+        charges,
         tasks: Arc::new(Tasks::new(FAULT_MANAGER, signal, waiter)),
         handles_pushes: false,
         status: Status::new(vec![FAULT_MANAGER]),

@@ -1,6 +1,6 @@
 //! What models and voters found, in words.
 
-use crate::model::fault::{Evidence, Label};
+use crate::model::fault::{Evidence, Label, Stage};
 
 /// The finding of a helper that the framework inserted; `None`: it is somebody else's.
 #[must_use]
@@ -25,6 +25,18 @@ pub fn of_helper(evidence: &Evidence) -> Option<String> {
         }
         _ => return None,
     })
+}
+
+/// What became of a device: `left sonar is lost: Input/output error (os error 5)`.
+#[must_use]
+pub fn of_device(evidence: &Evidence, stage: Stage) -> String {
+    let Evidence::Device { device, message, lost_ns, .. } = evidence else { return evidence.text().to_owned() };
+    match stage {
+        Stage::Confirmed => format!("{} is lost: {}", device.as_str(), message.as_str()),
+        Stage::Healed | Stage::Cleared => {
+            format!("{} works again after {:.1} ms", device.as_str(), *lost_ns as f64 / 1e6)
+        }
+    }
 }
 
 fn place(port: &Label, field: &Label) -> String {

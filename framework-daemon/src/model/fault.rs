@@ -9,7 +9,7 @@ use super::ladder::Answer;
 use super::limits::CALLERS;
 pub use super::registers::Registers;
 use super::symptom::{Severity, Symptom};
-pub use super::text::{Label, ShortText};
+pub use super::text::{Label, ShortText, Text};
 
 /// What a detector saw.
 #[derive(Clone, Copy, Debug)]
@@ -176,6 +176,23 @@ pub enum Evidence {
         /// How many may vote.
         members: u32,
     },
+    /// A device that does not work, or works again.
+    Device {
+        /// Its name, which the component gave it.
+        device: Label,
+        /// Why it does not.
+        #[serde(skip_serializing_if = "Text::is_empty")]
+        message: ShortText,
+        /// The system's number of the error.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        os_error: Option<i32>,
+        /// For how long it was lost, in nanoseconds, where it was found.
+        #[serde(skip_serializing_if = "is_zero")]
+        lost_ns: u64,
+        /// The instance that told of it.
+        #[serde(skip)]
+        instance: u64,
+    },
     /// Nothing arrived.
     Silence {
         /// Slot and port that waited.
@@ -226,6 +243,7 @@ impl Evidence {
             Self::Trap(trap) => trap.signal_name(),
             Self::Panic { message, .. } | Self::Text { message } => message.as_str(),
             Self::Value { field, .. } => field.as_str(),
+            Self::Device { device, .. } => device.as_str(),
             Self::Silence { port, .. }
             | Self::Model { port, .. }
             | Self::Vote { port, .. }
@@ -234,6 +252,11 @@ impl Evidence {
             Self::Recovery { .. } => "it recovered later than declared",
         }
     }
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+const fn is_zero(number: &u64) -> bool {
+    *number == 0
 }
 
 impl TrapEvidence {

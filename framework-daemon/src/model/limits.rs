@@ -171,6 +171,8 @@ pub const RECOVERY_LEAST: Duration = Duration::from_micros(200);
 pub const RECOVERY_LEAST_UNPREPARED: Duration = Duration::from_millis(10);
 /// Charges by others that wait for one slot.
 pub const CHARGES: usize = 8;
+/// Devices of one slot that can be lost at a time; the longest lost of more is forgotten.
+pub const DEVICES_LOST: usize = 8;
 /// Elements of a sequence whose rate of change is checked: the first ones.
 pub const RATE_ELEMENTS: usize = 1_024;
 /// Fault events waiting for the fault manager.

@@ -50,6 +50,12 @@ impl<const N: usize> Text<N> {
         Self::new(&text[start..])
     }
 
+    /// True where nothing is in it.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
     /// The text.
     #[must_use]
     pub fn as_str(&self) -> &str {

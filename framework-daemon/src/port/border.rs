@@ -22,7 +22,7 @@ use super::pattern::event_server::EventServer;
 use super::pattern::provider::Provider;
 use super::pattern::requestor::Requestor;
 use super::table::{self, Claim, Kind, Place};
-use super::{border_calls, border_events, border_links, border_pushes};
+use super::{border_calls, border_events, border_links, border_pushes, devices};
 use crate::model::limits::HEADROOM_BYTES;
 use crate::plugin::{host, task};
 use crate::sys::{arch, seat};
@@ -210,6 +210,7 @@ pub static HOST: HostApi = HostApi {
     links: border_links::API,
     tasks: task::API,
     pushes: border_pushes::API,
+    devices: devices::API,
 };
 
 /// What a handle leads to.

@@ -16,6 +16,9 @@ mod border_events;
 /// Faults of a slot that somebody else saw.
 pub mod charge;
 
+/// What components tell of their devices.
+pub mod devices;
+
 /// When values arrive at an input whose silence is a fault.
 pub mod hearing;
 

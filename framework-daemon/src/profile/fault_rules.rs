@@ -17,9 +17,6 @@ use super::xml::Element;
 use crate::model::limits;
 use crate::model::symptom::{Severity, SeverityTable, Symptom};
 
-/// Symptoms that no detector reports yet.
-const NOT_DETECTED: [Symptom; 1] = [Symptom::Device];
-
 /// `fault_tolerance` as written, references not yet resolved.
 #[derive(Clone, Debug, Serialize)]
 pub struct Declared {
@@ -97,7 +94,6 @@ fn severities(element: &Element, report: &mut Reporter) -> SeverityTable {
                 Some("remove one of them".to_owned());
             continue;
         }
-        note_inactive_severity(rule, report);
         match symptom {
             "" => default = Some(severity),
             "crash" => {
@@ -127,12 +123,13 @@ fn severities(element: &Element, report: &mut Reporter) -> SeverityTable {
 }
 
 /// A slot that is late works again: to reset it once more would only be later still, and cost the resets that a fault needs.
-/// So a reset of it must be asked for by name. A slot that somebody tried to connect wrongly works as before, whatever its
+/// So a reset of it must be asked for by name. So must one where a device is lost: that does not come back by it, and resets
+/// that are spent on it would stop whoever waits for it. A slot that somebody tried to connect wrongly works as before, whatever its
 /// other faults ask for.
 fn is_covered(symptom: Symptom, default: Severity) -> bool {
     match symptom {
         Symptom::Type => false,
-        Symptom::Late => default != Severity::Reset,
+        Symptom::Late | Symptom::Device => default != Severity::Reset,
         _ => true,
     }
 }
@@ -144,14 +141,6 @@ fn unknown_symptom(rule: &Element, report: &mut Reporter) {
     let hint = suggest::nearest(&word.text, names.iter().copied())
         .map_or_else(|| format!("symptoms are {}", names.join(", ")), |near| format!("did you mean {near}?"));
     report.error(word.spot.span, format!("unknown symptom \"{}\"", word.text)).hint = Some(hint);
-}
-
-fn note_inactive_severity(rule: &Element, report: &mut Reporter) {
-    if let Some(symptom) = Symptom::from_name(rule.value_of("symptom"))
-        && NOT_DETECTED.contains(&symptom)
-    {
-        report.not_active(report.value_word(rule, "symptom").spot.span, &format!("detection of {}", symptom.name()));
-    }
 }
 
 fn intensity(element: &Element, report: &mut Reporter) -> Intensity {

@@ -13,6 +13,7 @@ use super::monitors::{self, Monitors};
 use super::shutdown::shutdown;
 use super::system::{Placed, System, by_name};
 use super::wiring;
+use crate::detect::device::LostDevices;
 use crate::exec::checkpoint::Checkpoint;
 use crate::exec::emergency::{self, Actuator};
 use crate::exec::executor::{Executor, Stuck};
@@ -34,6 +35,7 @@ use crate::model::schedule::Schedule;
 use crate::model::time::nanoseconds;
 use crate::plugin::Class;
 use crate::port::charge::{Accused, Charges};
+use crate::port::devices::Devices;
 use crate::port::input::InPort;
 use crate::port::pattern::subscriber::Subscriber;
 use crate::port::pattern::turns;
@@ -166,6 +168,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
     let recipes: Vec<Recipe> = std::iter::once(primary(plan, class)).chain(secondaries).collect();
     let name = names::intern(&plan.name);
     let signal = Signal::new(Arc::clone(bell));
+    let charges = Arc::new(Charges::new(Arc::clone(&signal)));
     let slot = Arc::new(Slot {
         name,
         inputs: inputs.into_iter().map(Arc::new).collect(),
@@ -174,7 +177,8 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         providers: providers.into_iter().map(Arc::new).collect(),
         unlisted,
         events,
-        charges: Arc::new(Charges::new(Arc::clone(&signal))),
+        devices: Arc::new(Devices::new(Arc::clone(&charges))),
+        charges,
         tasks: Arc::new(Tasks::new(name, Arc::clone(&signal), waiter)),
         handles_pushes,
         status: Status::new(recipes.iter().map(|recipe| recipe.class_name).collect()),
@@ -213,6 +217,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         early: None,
         watched,
         checkpoint: plan.rules.checkpoint.map(|period| Checkpoint::every(period, name)),
+        lost_devices: LostDevices::default(),
         breath: None,
         coverage: plan.rules.coverage,
     }

@@ -15,6 +15,7 @@ use crate::exec::slot::Slot;
 use crate::fault::ports;
 use crate::port::border::PortEnd;
 use crate::port::check::Checks;
+use crate::port::devices;
 use crate::port::input::InPort;
 use crate::port::registry::{Entry, Export, Registry};
 use crate::port::wiring::{self, Planned};
@@ -199,6 +200,9 @@ pub fn announce(registry: &Registry, slots: &[Placed], helpers: &Helpers, compos
     let exports = composites.iter().flat_map(|composite| exports(composite, slots, helpers)).collect();
     if registry.set_all(entries.chain(voters).collect(), exports).is_err() {
         tracing::error!("the names of the ports are being changed all the time");
+    }
+    if devices::announce(slots.iter().map(|placed| (placed.slot.name, Arc::clone(&placed.slot.devices)))).is_err() {
+        tracing::error!("the slots are being changed all the time: devices that are lost are not told of");
     }
 }
 

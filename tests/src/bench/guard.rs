@@ -14,6 +14,7 @@ use framework_daemon::exec::unit::{Limits, Recipe, Source, Unit};
 use framework_daemon::plugin::Plugin;
 use framework_daemon::port::border::HOST;
 use framework_daemon::port::charge::Charges;
+use framework_daemon::port::devices::Devices;
 use framework_daemon::port::event_ends::EventEnds;
 use framework_daemon::port::wait::Waiter;
 use framework_daemon::sys::bell::{Bell, Signal};
@@ -80,6 +81,7 @@ pub(super) fn idle_unit(fibers: &mut Fibers) -> Box<Unit> {
     let limits = Limits { stack_bytes: STACK, budget_ns: None, hang_ns: 1_000_000_000 };
     let source = Source::Loaded(class);
     let recipe = Recipe { number: 0, class_name: "Diary", source, properties: Vec::new(), limits };
+    let charges = Arc::new(Charges::new(Signal::new(Bell::new())));
     let slot = Slot {
         name: "bench",
         inputs: Vec::new(),
@@ -88,7 +90,8 @@ pub(super) fn idle_unit(fibers: &mut Fibers) -> Box<Unit> {
         providers: Vec::new(),
         unlisted: Vec::new(),
         events: EventEnds::default(),
-        charges: Arc::new(Charges::new(Signal::new(Bell::new()))),
+        devices: Arc::new(Devices::new(Arc::clone(&charges))),
+        charges,
         tasks: Arc::new(Tasks::new("bench", Signal::new(Bell::new()), Waiter::new())),
         handles_pushes: false,
         status: Status::new(vec!["Diary"]),

@@ -2,6 +2,10 @@
 
 use component_sdk::prelude::*;
 
+/// Drivers of devices.
+pub mod devices;
+use devices::{Driver, Dummy};
+
 /// What a wave sends.
 #[repr(C)]
 #[derive(CommObject, Clone, Debug, Default, PartialEq)]
@@ -113,4 +117,4 @@ impl Callbacks for Amplifier {
     }
 }
 
-export_components!(Wave, Ear, Amplifier);
+export_components!(Wave, Ear, Amplifier, Driver, Dummy);

@@ -1,34 +1,55 @@
-//! The power failure of the paper's figure 10 is found with every window, sooner with a shorter one, and never before it happens.
+//! The power failure of the paper's figure 10, in runs of the daemon: found with every window, later with a longer one, and as the
+//! recorded signals say. What is drawn is what was recorded.
 
 use navigation_tests::figure10::draw;
-use navigation_tests::power_off::{POWER_OFF, THRESHOLD, WINDOWS_MS, experiment};
+use navigation_tests::power_off::{AFTER, POWER_OFF, Programs, Run, measure, rates};
 
-#[test]
-fn every_window_finds_it_after_it_happened_and_a_longer_one_later() {
-    for seed in 1..=10 {
-        let experiment = experiment(seed);
-        let found: Vec<f64> = experiment.windows.iter().map(|window| window.detected.expect("it is found")).collect();
-        assert_eq!(found.len(), WINDOWS_MS.len());
-        assert!(found.is_sorted() && found[0] > POWER_OFF, "seed {seed}: {found:?}");
-        for (window, found) in experiment.windows.iter().zip(&found) {
-            let late = found - POWER_OFF;
-            // A wheel that stands differs by all it should count: the threshold is that share of the window, and braking takes a while.
-            assert!(late < window.window_ms as f64 / 1e3 * 0.5 + 0.1, "seed {seed}: {} ms: {late}", window.window_ms);
-            let before = window.readings.iter().filter(|(at, _)| *at < POWER_OFF);
-            let worst = before.map(|(_, reading)| reading.difference()).fold(0.0, f64::max);
-            assert!(worst < THRESHOLD, "seed {seed}: {worst} before anything failed");
-        }
-    }
+fn runs(windows_ms: &[u64]) -> Vec<Run> {
+    let programs = Programs::beside_this().expect("the workspace is built");
+    let run = |window_ms: &u64| measure(&programs, *window_ms, &mut |what| eprintln!("{what}"));
+    windows_ms.iter().map(|window_ms| run(window_ms).unwrap_or_else(|failure| panic!("{failure}"))).collect()
+}
+
+/// What was recorded is what the daemon compared: the same samples, compared anew, part when the journal says, by as much.
+fn agrees_with_the_journal(run: &Run) {
+    let parted = run.parted().expect("the recorded signals part");
+    let (found, reading) = (run.found, parted.reading);
+    assert_eq!(parted.at_ns, found.at_ns, "{} ms: {reading:?}, {found:?}", run.window_ms);
+    let near = |one: f64, other: f64| (one - other).abs() < 1e-3;
+    assert!(near(reading.target, found.target) && near(reading.model, found.model), "{reading:?}, {found:?}");
+    assert!(near(reading.difference(), found.difference) && found.difference > found.threshold, "{found:?}");
+    assert!(found.at_ns > run.power_off_ns && found.target < found.model, "the wheel lags behind: {found:?}");
+}
+
+/// Before the failure the wheel turns as told, at the end it stands though it is told to turn.
+fn shows_a_wheel_that_stops(run: &Run) {
+    let between = |samples, from: f64, to: f64| {
+        let within: Vec<f64> =
+            rates(run, samples).iter().filter(|(at, _)| (from..to).contains(at)).map(|(_, rate)| *rate).collect();
+        within.iter().sum::<f64>() / within.len() as f64
+    };
+    let (driving, end) = ((POWER_OFF - 0.3, POWER_OFF), (POWER_OFF + AFTER - 0.3, POWER_OFF + AFTER));
+    let at = |samples, (from, to)| between(samples, from, to);
+    assert!(at(&run.encoder, driving) > 1000.0 && at(&run.model, driving) > 1000.0);
+    assert!(at(&run.encoder, end) < at(&run.model, end) / 2.0);
 }
 
 #[test]
-fn the_drawing_shows_both_signals_every_window_and_both_moments() {
-    let experiment = experiment(1);
-    let svg = draw(&experiment);
+fn every_window_finds_it_after_it_happened_and_a_longer_one_later() {
+    let runs = runs(&[100, 400, 1000]);
+    for run in &runs {
+        agrees_with_the_journal(run);
+        shows_a_wheel_that_stops(run);
+    }
+    let found: Vec<f64> = runs.iter().map(Run::found_after_ms).collect();
+    assert!(found.is_sorted(), "{found:?}");
+    let svg = draw(&runs);
     assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"));
-    assert_eq!(svg.matches("<polyline").count(), 2 + WINDOWS_MS.len());
-    assert_eq!(svg.matches(">threshold 800<").count(), WINDOWS_MS.len());
-    assert_eq!(svg.matches(">fault after ").count(), WINDOWS_MS.len());
-    assert!(WINDOWS_MS.iter().all(|window| svg.contains(&format!(">T = {window} ms<"))) && svg.contains(">power off<"));
-    assert_eq!(svg, draw(&experiment), "the same run gives the same picture");
+    assert_eq!(svg.matches("<polyline").count(), 3 * runs.len());
+    assert_eq!(svg.matches(">power off<").count(), runs.len());
+    for (run, found) in runs.iter().zip(found) {
+        assert!(svg.contains(&format!(">T = {} ms<", run.window_ms)), "{}", run.window_ms);
+        assert!(svg.contains(&format!(">fault after {found:.0} ms<")), "{found}");
+    }
+    assert_eq!(svg, draw(&runs), "the same runs give the same picture");
 }

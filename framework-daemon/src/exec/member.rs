@@ -236,6 +236,10 @@ impl Member {
             self.signal.ring(Ring::Data);
         }
         service::set_open(&self.slot, Openness::Serving);
+        // Values, and cycles of its own, that began while it did not work have rung for nobody.
+        if self.has_to_serve() {
+            self.signal.ring(Ring::Serve);
+        }
     }
 
     /// True where a callback may be entered: what was raised before is answered first.

@@ -232,12 +232,13 @@ impl InPort {
         }
     }
 
-    /// Values received and values lost to a full queue.
+    /// Values received and values lost to a full queue. What a handler did not get arrived all the same, and is no second value.
     #[must_use]
     pub fn counts(&self) -> (u64, u64) {
         let [taken, passed_over, dropped] =
             [&self.taken, &self.passed_over, &self.dropped].map(|count| count.load(Ordering::Relaxed));
-        (taken + passed_over + dropped + self.queued() as u64, dropped)
+        let unhandled = self.subscriber().map_or(0, Subscriber::lost);
+        (taken + passed_over + dropped + self.queued() as u64, dropped + unhandled)
     }
 
     /// Takes a value in.
@@ -272,9 +273,7 @@ impl InPort {
     /// Takes a value in that is its turn, and tells its client.
     pub(super) fn take_in(&self, sample: Sample) -> Pushed {
         let Some(subscriber) = self.subscriber() else { return self.push(sample) };
-        if subscriber.note(&sample) {
-            self.lost(Pushed::OldestLost);
-        }
+        subscriber.note(&sample);
         let pushed = self.push(sample);
         subscriber.arrived();
         pushed
@@ -318,6 +317,11 @@ impl InPort {
         self.end_subscription(Status::Unsubscribed);
     }
 
+    /// Its client hears another server from now on, or none.
+    pub(super) fn disconnected(&self) {
+        self.end_subscription(Status::Disconnected);
+    }
+
     fn end_subscription(&self, status: Status) {
         if let Some(subscriber) = self.subscriber() {
             subscriber.unsubscribe(status);
@@ -340,7 +344,7 @@ impl InPort {
     ///
     /// # Errors
     /// Why there is none.
-    pub(super) fn update(&self, wait: Wait, borrower: Borrower, place: &impl Place) -> Result<ReadResult, Status> {
+    pub fn update(&self, wait: Wait, borrower: Borrower, place: &impl Place) -> Result<ReadResult, Status> {
         let subscriber = self.subscriber().ok_or(Status::NotAllowed)?;
         match wait {
             Wait::NONE => subscriber.standing()?,
@@ -375,7 +379,7 @@ impl InPort {
 
     /// Reads; the object stays valid until the next read.
     #[inline]
-    pub(super) fn read(&self, mode: ReadMode, borrower: Borrower) -> ReadResult {
+    pub fn read(&self, mode: ReadMode, borrower: Borrower) -> ReadResult {
         let next = self.next(mode);
         if next.is_none() && mode != ReadMode::Newest {
             return ReadResult::NONE;

@@ -340,7 +340,7 @@ impl OutPort {
 
     /// Lends a block that no reader holds.
     #[inline]
-    pub(super) fn loan(&self, borrower: Borrower) -> LoanResult {
+    pub fn loan(&self, borrower: Borrower) -> LoanResult {
         match borrower {
             Borrower::Callback => self.blocks.lend(),
             Borrower::Task | Borrower::Other => self.aside().lend(),
@@ -358,7 +358,7 @@ impl OutPort {
 
     /// Sends the block on loan.
     #[inline]
-    pub(super) fn publish(&self, value: *mut u8, borrower: Borrower) -> Sent {
+    pub fn publish(&self, value: *mut u8, borrower: Borrower) -> Sent {
         match borrower {
             Borrower::Callback => {
                 let send = |table: &Table| match table.way {

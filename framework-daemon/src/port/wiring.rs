@@ -233,8 +233,8 @@ fn busy(name: Name<'_>) -> Refusal {
 pub(super) fn join(output: &Arc<OutPort>, from: Name<'_>, input: &Arc<InPort>, to: Name<'_>) -> Result<(), Refusal> {
     let mut sources = input.sources().map_err(|Busy| busy(to))?;
     cut(&mut sources, input).map_err(|Busy| busy(to))?;
-    // Also where its server is gone already, and was to have a successor.
-    input.unsubscribe();
+    // Also where its server is gone already, and was to have a successor. Its client did not ask for it: a wait is told so.
+    input.disconnected();
     if let Some(difference) = output.object.difference(input.object) {
         let (written, expected) = (output.object.name, input.object.name);
         let said =

@@ -1,22 +1,17 @@
-//! A client's operations, and what must come of them.
+//! What a client does that asks or sends, and what must come of it.
 #![allow(unsafe_code, reason = "the simulation plays the plugins, which write and read through the pointers")]
-
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use component_sdk::abi::calls::{Lent, Wait as Time, Whose};
 use component_sdk::status::Status;
 
-use super::model::{Call, Wait, refusal};
+use super::awaited::{Awaited, End};
+use super::model::{Call, EVENT_GATE, PORTS, PUSH_GATE, SENDS, refusal};
 use super::script::{Actor, Way};
-use super::world::{Here, NO_DEADLINE_NS};
 
 /// What the answer to a question is.
 const fn answer_to(number: u64) -> u64 {
     number * 3 + 1
 }
-
-/// What a wait must end with.
-type End = Result<u64, Status>;
 
 impl Actor<'_> {
     /// A request on loan; `None`: there was none, as it must be.
@@ -82,17 +77,19 @@ impl Actor<'_> {
         let Some(link) = model.slots[self.slot].links[port] else { return };
         let call = Call {
             from: (self.ends.life, port),
+            one_way: port == SENDS,
             retry: link.retry,
             left: false,
-            wanted: true,
+            // A message is out of its sender's hands.
+            wanted: port != SENDS,
             ticket: true,
             fate: None,
         };
         model.calls.insert(number, call);
-        model.providers[link.to].queue.push_back(number);
+        model.came(link.to, number);
     }
 
-    /// Sends a question and goes on.
+    /// Sends a question, or a message, and goes on.
     pub(super) fn request(&self, port: usize) {
         let Some((id, number)) = self.filled(port) else { return };
         let must = self.sending(port);
@@ -102,13 +99,18 @@ impl Actor<'_> {
         }
         let sent = self.ends.requestors[port].send(id);
         self.world.tell(|| format!("slot {} port {port}: request {number} -> {sent:?}", self.slot));
-        self.world.count(if sent.is_ok() { "requests" } else { "requests refused" });
+        self.world.count(match (port == SENDS, sent.is_ok()) {
+            (true, true) => "messages",
+            (true, false) => "messages refused",
+            (false, true) => "requests",
+            (false, false) => "requests refused",
+        });
         self.world.same(|| format!("request {number}"), sent, must);
         let mut model = self.world.model();
         let instance = &mut model.slots[self.slot].instance;
         match sent {
-            Ok(()) => instance.open.push((port, id, number)),
-            Err(_) => instance.stale.push((port, id)),
+            Ok(()) if port != SENDS => instance.open.push((port, id, number)),
+            _ => instance.stale.push((port, id)),
         }
     }
 
@@ -118,7 +120,7 @@ impl Actor<'_> {
         let (must, time) = (self.sending(port), self.time());
         self.forget_loan(port, id);
         self.world.count("queries");
-        let here = Here { world: self.world, waited: AtomicBool::new(false) };
+        let here = self.here();
         if let Err(status) = must {
             let lent = self.ends.requestors[port].ask(id, time, &here);
             self.world.same(|| format!("query {number}"), lent.status, status.code());
@@ -127,9 +129,11 @@ impl Actor<'_> {
         }
         self.enter(port, number);
         self.world.tell(|| format!("slot {} port {port}: query {number}", self.slot));
-        let before = self.before(port, number, time);
+        let before = self.before(Awaited::Answer(port, number), time);
         let lent = self.ends.requestors[port].ask(id, time, &here);
-        let end = self.after(port, number, &before, &lent, here.waited.load(Ordering::Relaxed));
+        let end = answer_in(&lent);
+        self.after(&before, end, &here);
+        self.answered(port, number, &lent);
         if end.is_err() {
             // Whatever it was, the question is over.
             self.world.model().let_go(number);
@@ -148,10 +152,6 @@ impl Actor<'_> {
         Err(framework_daemon::port::wait::NotHere)
     }
 
-    fn time(&self) -> Time {
-        if self.world.deadlines { Time(1 + self.world.dice.below(2_000) as u64) } else { Time(NO_DEADLINE_NS) }
-    }
-
     /// Looks for an answer, or waits for it.
     pub(super) fn receive(&self, nth: usize, waits: bool) {
         let open = {
@@ -163,10 +163,11 @@ impl Actor<'_> {
         let time = if waits { self.time() } else { Time::NONE };
         self.world.count(if waits { "waits" } else { "looks" });
         self.world.tell(|| format!("slot {} port {port}: receive {number}, {time:?}", self.slot));
-        let here = Here { world: self.world, waited: AtomicBool::new(false) };
-        let before = self.before(port, number, time);
+        let (here, before) = (self.here(), self.before(Awaited::Answer(port, number), time));
         let lent = self.ends.requestors[port].receive(id, time, &here);
-        let end = self.after(port, number, &before, &lent, here.waited.load(Ordering::Relaxed));
+        let end = answer_in(&lent);
+        self.after(&before, end, &here);
+        self.answered(port, number, &lent);
         let keeps = matches!(end, Err(Status::NoData | Status::Cancelled | Status::Timeout | Status::Cycle));
         if keeps || end.is_ok() {
             return;
@@ -178,72 +179,12 @@ impl Actor<'_> {
         model.let_go(number);
     }
 
-    /// What must come of a wait that begins now; `Err(NoData)`: it begins to wait, or would.
-    fn before(&self, port: usize, number: u64, time: Time) -> Before {
-        let mut model = self.world.model();
-        let now_ns = self.world.now_ns();
-        let slot = &model.slots[self.slot];
-        let (gates, link, ending) = (slot.gates[port], slot.links[port], slot.ending);
-        let closings = gates.closings;
-        let at_once = if let Some(end) = model.calls.get(&number).and_then(Call::end) {
-            Some(end)
-        } else if time == Time::NONE {
-            Some(Err(Status::NoData))
-        } else if !gates.let_wait(closings) {
-            Some(Err(Status::Cancelled))
-        } else if link.is_some_and(|link| model.is_cycle(self.ends.life, link.to)) {
-            Some(Err(Status::Cycle))
-        } else if ending {
-            Some(Err(Status::Cancelled))
-        } else {
-            None
-        };
-        let until_ns = now_ns.saturating_add(time.0);
-        if at_once.is_none() {
-            model.waits_for[self.ends.life] = link.map(|link| link.to);
-            model.slots[self.slot].wait = Some(Wait { port, number, until_ns, closings });
-        }
-        Before { at_once, closings, until_ns }
-    }
-
-    /// What came of it, compared with what must come of it now.
-    fn after(&self, port: usize, number: u64, before: &Before, lent: &Lent, waited: bool) -> End {
-        let mut model = self.world.model();
-        model.waits_for[self.ends.life] = None;
-        let slot = &mut model.slots[self.slot];
-        slot.wait = None;
-        let (gates, ending) = (slot.gates[port], slot.ending);
-        let end_now = model.calls.get(&number).and_then(Call::end);
-        drop(model);
-        let must = before.at_once.unwrap_or_else(|| {
-            end_now.unwrap_or_else(|| {
-                if !gates.let_wait(before.closings) {
-                    return Err(Status::Cancelled);
-                }
-                if self.world.now_ns() >= before.until_ns {
-                    return Err(Status::Timeout);
-                }
-                Err(if ending { Status::Cancelled } else { Status::NoData })
-            })
-        });
-        let is = if lent.status == 0 { Ok(Self::value(lent)) } else { Err(Status::from_code(lent.status)) };
-        self.world.tell(|| format!("slot {} port {port}: {number} -> {is:?}", self.slot));
-        self.world.same(|| format!("what came of {number}"), is, must);
-        if before.at_once.is_some() && waited && must != Err(Status::Cancelled) {
-            self.world.wrong(format!("{number} was waited for, though {must:?} was known"));
-        }
-        self.world.count(outcome(is));
-        if is.is_ok() {
-            self.world.same(|| format!("the answer to {number}"), is, Ok(answer_to(number)));
+    /// Where an answer came, it is that to the question.
+    fn answered(&self, port: usize, number: u64, lent: &Lent) {
+        if lent.status == 0 {
+            self.world.same(|| format!("the answer to {number}"), value_of(lent), answer_to(number));
             self.read(port, lent, number);
         }
-        is
-    }
-
-    /// An answer that is lent.
-    fn value(lent: &Lent) -> u64 {
-        // SAFETY: it is valid until it is released.
-        unsafe { *lent.value.cast::<u64>() }
     }
 
     /// Reads an answer, for some time, and gives it back.
@@ -255,7 +196,7 @@ impl Actor<'_> {
             if self.way_is(Way::Trapped) {
                 return;
             }
-            let again = Self::value(lent);
+            let again = value_of(lent);
             self.world.same(|| format!("the answer to {number} while it is read"), again, answer_to(number));
             self.world.model().slots[self.slot].instance.lent.retain(|lent| lent.2 != number);
         }
@@ -301,39 +242,44 @@ impl Actor<'_> {
     /// Blocking on or off, for one port or for all.
     pub(super) fn blocking(&self, port: usize, whose: Whose, on: bool) {
         self.world.tell(|| format!("slot {} port {port}: blocking({on}) of {whose:?}", self.slot));
-        let ports = if whose == Whose::Port { port..port + 1 } else { 0..self.ends.requestors.len() };
+        let ports = if whose == Whose::Port { port..port + 1 } else { 0..PORTS };
         for port in ports {
-            let mut model = self.world.model();
-            let gates = &mut model.slots[self.slot].gates[port];
-            *(if whose == Whose::Port { &mut gates.port } else { &mut gates.component }) = on;
-            gates.closings += u32::from(!on);
-            drop(model);
+            self.set_gate(port, whose, on);
             self.ends.requestors[port].blocking(whose, on);
         }
+        if whose == Whose::Component {
+            self.blocking_events(whose, on);
+            self.blocking_updates(whose, on);
+        }
+    }
+
+    /// The same for its event client.
+    pub(super) fn blocking_events(&self, whose: Whose, on: bool) {
+        self.set_gate(EVENT_GATE, whose, on);
+        self.ends.events.clients.iter().for_each(|port| port.blocking(whose, on));
+    }
+
+    /// The same for its subscriber.
+    pub(super) fn blocking_updates(&self, whose: Whose, on: bool) {
+        self.set_gate(PUSH_GATE, whose, on);
+        self.ends.subscriber().blocking(whose, on);
+    }
+
+    fn set_gate(&self, gate: usize, whose: Whose, on: bool) {
+        let mut model = self.world.model();
+        let gates = &mut model.slots[self.slot].gates[gate];
+        *(if whose == Whose::Port { &mut gates.port } else { &mut gates.component }) = on;
+        gates.closings += u32::from(!on);
     }
 }
 
-/// What is known when a wait begins.
-struct Before {
-    at_once: Option<End>,
-    closings: u32,
-    until_ns: u64,
+fn value_of(lent: &Lent) -> u64 {
+    // SAFETY: an answer is valid until it is released.
+    unsafe { *lent.value.cast::<u64>() }
 }
 
-const fn outcome(end: End) -> &'static str {
-    match end {
-        Ok(_) => "answers",
-        Err(Status::NoData) => "no data",
-        Err(Status::Cancelled) => "cancelled",
-        Err(Status::Timeout) => "timeouts",
-        Err(Status::Cycle) => "cycles",
-        Err(Status::Disconnected) => "disconnected",
-        Err(Status::ProviderGone) => "provider gone",
-        Err(Status::ProviderStopped) => "provider stopped",
-        Err(Status::ProviderReplaced) => "provider replaced",
-        Err(Status::Error) => "unanswered",
-        Err(_) => "others",
-    }
+fn answer_in(lent: &Lent) -> End {
+    if lent.status == 0 { Ok(value_of(lent)) } else { Err(Status::from_code(lent.status)) }
 }
 
 /// What the server answers.

@@ -3,12 +3,11 @@
 
 use std::sync::Arc;
 
-use component_sdk::abi::calls::ServeArgs;
 use framework_daemon::sys::bell::{Ring, Rings};
 use framework_daemon::sys::fiber::NEVER;
 use framework_daemon::sys::fiber_pool::{FiberPool, Progress, Ticket};
 
-use super::model::{InHand, State};
+use super::model::State;
 use super::script::{Job, Script, Way};
 use super::world::World;
 
@@ -20,7 +19,6 @@ pub(super) struct Strand {
     waiting: Option<(Ticket, u64)>,
     /// What was rung for meanwhile.
     held: Rings,
-    serves: bool,
 }
 
 /// An executor.
@@ -49,7 +47,7 @@ impl Executors {
         Self { world: Arc::clone(world), executors, strands, was_lost: false }
     }
 
-    fn executor(&self, slot: usize) -> usize {
+    pub(super) fn executor(&self, slot: usize) -> usize {
         self.world.model().slots[slot].executor
     }
 
@@ -113,30 +111,9 @@ impl Executors {
         is_idle
     }
 
-    #[allow(unsafe_code, reason = "the simulation plays the plugin, which reads the request")]
-    fn serve(&mut self, slot: usize) {
-        let ends = self.world.ends(slot);
-        let must = self.world.model().next(ends.life);
-        let is = ends.provider.next();
-        // SAFETY: the request of a call in hand.
-        let read = |args: &ServeArgs| unsafe { *args.value.cast::<u64>() };
-        let number = is.as_ref().map(read);
-        self.world.same(|| format!("the next call of slot {slot}"), number, must.map(|(number, _)| number));
-        let (Some(args), Some((number, before))) = (is, must) else { return };
-        if let Some(before) = before {
-            let kept_place = args.id as u32 == before as u32 && args.id != before;
-            self.world.same(|| format!("a number of its own for {number} asked again"), kept_place, true);
-            self.world.count("asked again");
-        }
-        self.world.model().providers[ends.life].hands.push(InHand { id: args.id, number, again: false });
-        self.world.count("served");
-        self.begin(slot, Job::Serve(args.id, number));
-    }
-
-    fn begin(&mut self, slot: usize, job: Job) {
+    pub(super) fn begin(&mut self, slot: usize, job: Job) {
         let executor = self.executor(slot);
         self.world.take_thread(&self.world.bells[executor]);
-        self.strands[slot].serves = matches!(job, Job::Serve(..));
         let (world, ends) = (Arc::clone(&self.world), self.world.ends(slot));
         let script = Box::new(Script { world, slot, ends, job, way: Way::Returned });
         match self.executors[executor].fibers.begin(STACK_BYTES, NEVER, true, script) {
@@ -179,25 +156,25 @@ impl Executors {
     }
 
     fn ended(&mut self, slot: usize, way: Way) {
-        match way {
-            // Where it stops, whoever stops it sees to the rest.
-            Way::Trapped => self.trapped(slot),
-            Way::Returned | Way::Panicked if self.strands[slot].serves => {
-                let ends = self.world.ends(slot);
-                // The next request has its turn; a panic is no reason to forget it.
-                if ends.provider.waits() {
-                    ends.signal.ring(Ring::Serve);
-                }
-            }
-            Way::Returned | Way::Panicked => {}
+        // Where it stops, whoever stops it sees to the rest.
+        if way == Way::Trapped {
+            self.trapped(slot);
         }
         self.let_in(slot);
     }
 
-    /// It waits no longer: what was rung for meanwhile is looked at.
+    /// It waits no longer: what was rung for meanwhile is looked at, and what is to be served has its turn.
     pub(super) fn let_in(&mut self, slot: usize) {
-        let held = std::mem::take(&mut self.strands[slot].held);
-        self.world.ends(slot).signal.ring_again(held);
+        let (held, ends) = (std::mem::take(&mut self.strands[slot].held), self.world.ends(slot));
+        ends.signal.ring_again(held);
+        let mut model = self.world.model();
+        if let Some(told) = model.tellers[ends.life].told.take() {
+            model.put_down(told);
+        }
+        drop(model);
+        if ends.events.settle() || ends.has_to_serve() {
+            ends.signal.ring(Ring::Serve);
+        }
     }
 
     /// All executors do what there is to do, and callbacks begin nothing.

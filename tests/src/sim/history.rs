@@ -92,8 +92,9 @@ impl Executors {
         match dice.below(200) {
             0..100 => return self.run(dice.below(self.world.bells.len())),
             100..160 => return self.execute(slot),
-            160..180 => return self.end_wait_of(slot),
-            180..190 => self.let_time_pass(),
+            160..178 => return self.end_wait_of(slot),
+            178..182 => return self.begin_cycle(slot),
+            182..190 => self.let_time_pass(),
             190..199 => return self.interfere(),
             _ => self.check_rest(),
         }
@@ -108,6 +109,19 @@ impl Executors {
             self.go_on(slot, true);
         }
         goes_on
+    }
+
+    /// Its next cycle begins, where it runs.
+    fn begin_cycle(&self, slot: usize) -> bool {
+        let (ends, is_free) = (self.world.ends(slot), self.is_free(slot));
+        let Some(due_ns) = ends.output.outlet().due_ns().filter(|_| is_free) else { return false };
+        self.world.take_thread(&self.world.bells[self.executor(slot)]);
+        let mut model = self.world.model();
+        let writer = &mut model.writers[ends.life];
+        writer.missed += u64::from(std::mem::replace(&mut writer.ticked, true));
+        drop(model);
+        ends.output.outlet().turn(due_ns);
+        true
     }
 
     /// To the end of the next waiting time, or a bit.

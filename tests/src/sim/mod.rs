@@ -3,7 +3,7 @@
 //! `history (one life of a small system) -> executors (who runs next) -> script (what a callback does) -> the real ends of
 //! ports`, and beside each step the model says what must come of it.
 //!
-//! Real are the ends in `framework_daemon::port::pattern`, fibers, bells and signals. Played are the executors' loop, the
+//! Real are the ends in `framework_daemon::port`, their wiring by name, fibers, bells and signals. Played are the executors' loop, the
 //! plugins and the recovery, so that the order of everything is drawn by lot and comes again with the same seed. A
 //! callback gives its executor's thread up between any two operations, too: then other executors run.
 
@@ -13,23 +13,47 @@ pub(crate) mod dice;
 /// What must be.
 mod model;
 
-/// What is: ends, bells, time.
+/// What must be of events.
+mod naive_events;
+
+/// What must be of pushes.
+mod naive_pushes;
+
+/// What callbacks wait for.
+mod awaited;
+
+/// What is: slots, bells, time.
 mod world;
+
+/// The ends of a slot's ports.
+mod ends;
+
+/// What a slot is entered for.
+mod serving;
 
 /// What a callback does.
 mod script;
 
-/// A client's operations, and what must come of them.
+/// Questions and messages: the client's side.
 mod client;
 
-/// A server's.
+/// The server's side.
 mod server;
+
+/// Events, both sides.
+mod events;
+
+/// Values, both sides.
+mod pushes;
 
 /// Who runs next.
 mod executors;
 
 /// What happens from outside: slots come, go and fail, connections change.
 mod outside;
+
+/// Connections of events and values.
+mod links;
 
 /// When everything rests.
 mod rest;

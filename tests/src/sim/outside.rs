@@ -5,10 +5,15 @@ use std::sync::Arc;
 use component_sdk::abi::calls::Whose;
 use component_sdk::status::Status;
 use framework_daemon::port::pattern::provider::Openness;
-use framework_daemon::port::pattern::requestor::Requestor;
+use framework_daemon::sys::bell::Ring;
 
+use super::awaited::subscriber;
 use super::executors::Executors;
-use super::model::{Gates, Instance, Link, PORTS, State, refusal};
+use super::links;
+use super::model::{
+    EVENT_GATE, GATES, Gates, Instance, Link, PORTS, PULL_GATE, PUSH_GATE, SENDS, SERVERS, State, refusal, server_of,
+};
+use super::naive_pushes::READERS;
 use super::world::World;
 
 /// Connects a port to a slot drawn by lot.
@@ -16,14 +21,15 @@ pub(super) fn connect(world: &World, slot: usize, port: usize) {
     let (to, retry) = (world.dice.below(world.slots.len()), world.dice.once_in(2));
     let (own, other) = (world.ends(slot), world.ends(to));
     let mut model = world.model();
-    let before = model.slots[slot].links[port];
-    if before.is_none_or(|link| link.to != other.life) {
+    let (before, server) = (model.slots[slot].links[port], server_of(other.life, port));
+    if before.is_none_or(|link| link.to != server) {
         model.leave((own.life, port));
     }
-    model.slots[slot].links[port] = Some(Link { to: other.life, retry });
+    model.slots[slot].links[port] = Some(Link { to: server, retry });
     drop(model);
     world.tell(|| format!("connect slot {slot} port {port} with slot {to}, retry: {retry}"));
-    let is = own.requestors[port].connect(&other.provider, Some(retry));
+    let provider = &other.providers[usize::from(port == SENDS)];
+    let is = own.requestors[port].connect(provider, Some(retry));
     world.same(|| "connecting".to_owned(), is, Ok(()));
     world.count("connections");
 }
@@ -44,11 +50,22 @@ pub(super) fn disconnect(world: &World, slot: usize, port: usize) {
 fn replace(world: &World, slot: usize) {
     let ends = world.ends(slot);
     let mut model = world.model();
-    model.providers[ends.life].open = Openness::Replaced;
-    model.clear_queue(ends.life, Status::ProviderReplaced);
+    for server in servers(ends.life) {
+        model.providers[server].open = Openness::Replaced;
+        model.clear_queue(server, Status::ProviderReplaced);
+    }
+    model.writers[ends.life].open = Openness::Replaced;
+    model.tell(ends.life, Status::ProviderReplaced);
+    model.replace_teller(ends.life);
     drop(model);
     world.tell(|| format!("slot {slot} is about to be replaced"));
-    ends.provider.replace();
+    ends.providers.iter().for_each(|port| port.replace());
+    ends.output.replace();
+    ends.events.replace();
+}
+
+fn servers(life: usize) -> std::ops::Range<usize> {
+    life * SERVERS..(life + 1) * SERVERS
 }
 
 impl Executors {
@@ -57,6 +74,8 @@ impl Executors {
         self.world.take_thread(&self.world.outside);
         for slot in 0..self.world.slots.len() {
             (0..PORTS).for_each(|port| connect(&self.world, slot, port));
+            links::connect_events(&self.world, slot);
+            (0..READERS).for_each(|which| links::connect_reader(&self.world, slot, which));
             self.start(slot);
         }
     }
@@ -68,15 +87,20 @@ impl Executors {
         let (slot, port) = (dice.below(self.world.slots.len()), dice.below(PORTS));
         let (state, is_free) = (self.state(slot), self.is_free(slot));
         match dice.below(32) {
-            0..12 => connect(&self.world, slot, port),
-            12..15 => disconnect(&self.world, slot, port),
+            0..6 => connect(&self.world, slot, port),
+            6..9 => links::connect_events(&self.world, slot),
+            9..12 => links::connect_reader(&self.world, slot, dice.below(READERS)),
+            12 => disconnect(&self.world, slot, port),
+            13 => links::disconnect_events(&self.world, slot),
+            14 if dice.once_in(2) => links::disconnect_reader(&self.world, slot, dice.below(READERS)),
+            14 => links::disconnect_writer(&self.world, slot),
             15 if dice.once_in(4) => replace(&self.world, slot),
             16..32 if is_free && state == State::Stopped => self.start(slot),
             16..24 if is_free && state == State::Breathing => self.breathe_out(slot),
             16..19 if is_free && state == State::Active => self.stop(slot),
             19..22 if is_free && state == State::Active => self.fail_astray(slot),
             22 if is_free && dice.once_in(2) => self.rebuild(slot),
-            23 => self.close_for_a_moment(slot, port),
+            23 => self.close_for_a_moment(slot),
             _ => return false,
         }
         true
@@ -94,9 +118,14 @@ impl Executors {
         self.begin_work(slot);
     }
 
+    /// As `exec::member` has it.
     fn begin_work(&self, slot: usize) {
-        let _ = self.world.ends(slot).signal.take();
+        let ends = self.world.ends(slot);
+        let _ = ends.signal.take();
         self.set_open(slot, Openness::Serving);
+        if ends.has_to_serve() {
+            ends.signal.ring(Ring::Serve);
+        }
     }
 
     fn breathe_out(&self, slot: usize) {
@@ -133,42 +162,57 @@ impl Executors {
 
     fn set_blocking(&self, slot: usize, on: bool) {
         let ends = self.world.ends(slot);
-        for (port, requestor) in ends.requestors.iter().enumerate() {
-            let mut model = self.world.model();
-            let gates = &mut model.slots[slot].gates[port];
+        let mut model = self.world.model();
+        for gates in &mut model.slots[slot].gates {
             gates.slot = on;
             gates.closings += u32::from(!on);
-            drop(model);
-            requestor.set_blocking(on);
         }
+        drop(model);
+        ends.set_blocking(on);
     }
 
     /// Another thread of the component switches blocking off, and on again at once.
-    fn close_for_a_moment(&self, slot: usize, port: usize) {
-        let ends = self.world.ends(slot);
-        self.world.tell(|| format!("slot {slot} port {port}: blocking off and on"));
+    fn close_for_a_moment(&self, slot: usize) {
+        let (ends, gate) = (self.world.ends(slot), self.world.dice.below(PULL_GATE));
+        self.world.tell(|| format!("slot {slot} gate {gate}: blocking off and on"));
         let mut model = self.world.model();
-        let gates = &mut model.slots[slot].gates[port];
+        let gates = &mut model.slots[slot].gates[gate];
         (gates.port, gates.closings) = (true, gates.closings + 1);
         drop(model);
-        [false, true].into_iter().for_each(|on| ends.requestors[port].blocking(Whose::Port, on));
+        for on in [false, true] {
+            match gate {
+                EVENT_GATE => ends.events.clients[0].blocking(Whose::Port, on),
+                PUSH_GATE => ends.subscriber().blocking(Whose::Port, on),
+                port => ends.requestors[port].blocking(Whose::Port, on),
+            }
+        }
     }
 
     fn set_open(&self, slot: usize, open: Openness) {
         let ends = self.world.ends(slot);
         let mut model = self.world.model();
-        let provider = &mut model.providers[ends.life];
-        if provider.open != Openness::Replaced {
-            provider.open = open;
+        for server in servers(ends.life) {
+            let provider = &mut model.providers[server];
+            if provider.open != Openness::Replaced {
+                provider.open = open;
+            }
+            if let Some(status) = refusal(provider.open) {
+                model.let_all_go(server, status);
+                let instance = &mut model.slots[slot].instance;
+                instance.stale_kept.extend(instance.kept.drain(..).map(|(server, id, _)| (server, id)));
+            }
         }
-        if let Some(status) = refusal(provider.open) {
-            model.let_all_go(ends.life, status);
-            let instance = &mut model.slots[slot].instance;
-            instance.stale_kept.extend(instance.kept.drain(..).map(|(id, _)| id));
+        let teller = &mut model.tellers[ends.life];
+        if teller.open != Openness::Replaced {
+            teller.open = open;
+        }
+        model.open_writer(ends.life, open);
+        if open == Openness::Stopped {
+            model.readers[subscriber(ends.life)].unsubscribe(Status::Unsubscribed);
         }
         drop(model);
         self.world.tell(|| format!("slot {slot}: {open:?}"));
-        ends.provider.set_open(open);
+        ends.set_open(open);
     }
 
     /// Its instance is another one from now on.
@@ -176,18 +220,19 @@ impl Executors {
         let ends = self.world.ends(slot);
         let mut model = self.world.model();
         let Instance { kept, .. } = std::mem::take(&mut model.slots[slot].instance);
-        model.slots[slot].instance.stale_kept = kept.into_iter().map(|(id, _)| id).collect();
+        model.slots[slot].instance.stale_kept = kept.into_iter().map(|(server, id, _)| (server, id)).collect();
         model.slots[slot].wait = None;
         model.waits_for[ends.life] = None;
-        for port in 0..PORTS {
-            model.abandon((ends.life, port));
-            let gates = &mut model.slots[slot].gates[port];
+        (0..PORTS).for_each(|port| model.abandon((ends.life, port)));
+        for gates in &mut model.slots[slot].gates {
             *gates = Gates { port: true, component: true, ..*gates };
         }
-        model.fail(ends.life);
+        servers(ends.life).for_each(|server| model.fail(server));
+        model.forget_events(ends.life);
+        model.fail_teller(ends.life);
+        model.tell(ends.life, Status::ProviderGone);
         drop(model);
-        ends.requestors.iter().for_each(Requestor::close_calls);
-        ends.provider.fail();
+        ends.change_hands();
     }
 
     /// Its instance trapped.
@@ -234,17 +279,17 @@ impl Executors {
         self.stop(slot);
         let (old, executor) = (self.world.ends(slot), self.world.dice.below(self.world.bells.len()));
         let ends = self.world.build(executor);
-        ends.requestors.iter().for_each(|port| port.set_blocking(false));
+        ends.set_blocking(false);
+        links::detach(&self.world, slot);
         let mut model = self.world.model();
-        for port in 0..PORTS {
-            model.abandon((old.life, port));
-        }
+        (0..PORTS).for_each(|port| model.abandon((old.life, port)));
         let state = &mut model.slots[slot];
         (state.life, state.executor, state.instance) = (ends.life, executor, Instance::default());
-        (state.links, state.gates) = ([None; PORTS], [Gates { slot: false, ..Gates::OPEN }; PORTS]);
+        (state.links, state.gates) = ([None; PORTS], [Gates { slot: false, ..Gates::OPEN }; GATES]);
         drop(model);
         self.world.tell(|| format!("slot {slot} is built anew on executor {executor}"));
         *self.world.slots[slot].try_lock().expect("one thread") = ends;
+        links::announce(&self.world);
         if Arc::strong_count(&old) != 1 {
             self.world.wrong(format!("somebody is still in slot {slot}"));
         }

@@ -3,10 +3,14 @@
 #![allow(unsafe_code, reason = "the simulation plays the plugins, which read through the pointers")]
 
 use component_sdk::abi::calls::Wait as Time;
+use component_sdk::abi::payload::ReadMode;
 use component_sdk::status::Status;
+use framework_daemon::port::output::Borrower;
 
+use super::awaited::subscriber;
 use super::executors::Executors;
-use super::model::{Model, PORTS, State};
+use super::model::{Model, PORTS, Provider, SERVERS, State};
+use super::naive_pushes::READERS;
 
 /// Waits with a deadline take at most that long.
 const DEADLINE_NS: u64 = 2_000;
@@ -25,12 +29,12 @@ impl Executors {
     fn check_waiting(&self, slot: usize) {
         let (world, model) = (&self.world, self.world.model());
         let Some(wait) = model.slots[slot].wait.filter(|_| self.waits(slot)) else { return };
-        let end = model.calls.get(&wait.number).map(super::model::Call::end);
-        let lets_wait = model.slots[slot].gates[wait.port].let_wait(wait.closings);
+        let end = model.end_of(model.slots[slot].life, wait.what);
+        let lets_wait = model.slots[slot].gates[wait.what.gate()].let_wait(wait.closings);
         let circle = (!world.deadlines).then(|| self.circle(&model, slot)).flatten();
         drop(model);
-        world.same(|| format!("what slot {slot} waits for, call {}", wait.number), end, Some(None));
-        world.same(|| format!("slot {slot} may wait for call {}", wait.number), lets_wait, true);
+        world.same(|| format!("what slot {slot} waits for, {:?}", wait.what), end, None);
+        world.same(|| format!("slot {slot} may wait for {:?}", wait.what), lets_wait, true);
         if world.deadlines && wait.until_ns > world.now_ns() + DEADLINE_NS {
             world.wrong(format!("slot {slot} waits beyond its deadline"));
         }
@@ -58,14 +62,45 @@ impl Executors {
     fn check_serving(&self, slot: usize) {
         let (world, ends) = (&self.world, self.world.ends(slot));
         let model = world.model();
-        let provider = &model.providers[ends.life];
-        let is_forgotten = model.slots[slot].state == State::Active && !self.waits(slot) && provider.waits();
-        let (waits, counts) = (provider.waits(), (provider.queue.len(), provider.hands.len() as u32));
+        let servers = &model.providers[ends.life * SERVERS..(ends.life + 1) * SERVERS];
+        let waits: Vec<_> = servers.iter().map(Provider::waits).collect();
+        let counts: Vec<_> = servers.iter().map(|server| (server.queue.len(), server.hands.len() as u32)).collect();
+        let handled = model.readers[subscriber(ends.life)].handled.as_ref();
+        let has_value = handled.is_some_and(|handled| !handled.queue.is_empty());
+        let has_tick = model.writers[ends.life].ticked;
+        let has_event = !model.listeners[ends.life].queue.is_empty();
+        let untold = model.next_activation(ends.life, (0, 0), false).is_some();
+        let is_free = model.slots[slot].state == State::Active && !self.waits(slot);
         drop(model);
-        world.same(|| format!("something is to be done at slot {slot}"), ends.provider.waits(), waits);
-        world.same(|| format!("a call waits for slot {slot}, which is free"), is_forgotten, false);
-        let (waiting, in_hand, _) = ends.provider.counts();
-        world.same(|| format!("calls that wait for slot {slot} and in its hand"), (waiting, in_hand), counts);
+        let has_work = waits.contains(&true) || has_value || has_tick || has_event || untold;
+        world.same(|| format!("something waits for slot {slot}, which is free"), is_free && has_work, false);
+        let really: Vec<_> = ends.providers.iter().map(|port| port.waits()).collect();
+        world.same(|| format!("calls are to be served at slot {slot}"), really, waits);
+        let really = [ends.subscriber().waits(), ends.output.outlet().has_ticked(), ends.events.clients[0].waits()];
+        world.same(|| format!("what came in at slot {slot}"), really, [has_value, has_tick, has_event]);
+        let really: Vec<_> =
+            ends.providers.iter().map(|port| port.counts()).map(|(queue, hands, _)| (queue, hands)).collect();
+        world.same(|| format!("calls that wait for slot {slot} and in its hand"), really, counts);
+        self.check_counts(slot);
+    }
+
+    /// What was dropped was counted.
+    fn check_counts(&self, slot: usize) {
+        let (world, ends) = (&self.world, self.world.ends(slot));
+        let model = world.model();
+        let readers = &model.readers[subscriber(ends.life)..][..READERS];
+        let values: Vec<_> = readers.iter().map(|reader| (reader.received, reader.dropped)).collect();
+        let queued = readers[1].queued.len();
+        let teller = &model.tellers[ends.life];
+        let activations = teller.clients.iter().map(|(_, client)| model.active(*client)).sum::<usize>();
+        let events = (activations, teller.fired, teller.refused);
+        let missed = model.writers[ends.life].missed;
+        drop(model);
+        let really: Vec<_> = ends.inputs.iter().map(|port| port.counts()).collect();
+        world.same(|| format!("values that slot {slot} received and lost"), really, values);
+        world.same(|| format!("values that wait in the queue of slot {slot}"), ends.inputs[1].queued(), queued);
+        world.same(|| format!("events of slot {slot}"), ends.events.servers[0].counts(), events);
+        world.same(|| format!("cycles that slot {slot} left out"), ends.output.outlet().counts().1, missed);
     }
 
     /// Everything stops: then every question has its end, and every place is free again.
@@ -77,6 +112,7 @@ impl Executors {
         for slot in 0..self.world.slots.len() {
             self.collect(slot);
             self.check_places(slot);
+            self.empty_queue(slot);
         }
         let left = self.world.model().calls.len();
         self.world.same(|| "questions without an end".to_owned(), left, 0);
@@ -98,6 +134,17 @@ impl Executors {
         }
     }
 
+    /// Every value that was not dropped is there, in order.
+    fn empty_queue(&self, slot: usize) {
+        let (world, ends) = (&self.world, self.world.ends(slot));
+        self.check_counts(slot);
+        let must: Vec<u64> = world.model().readers[subscriber(ends.life) + 1].queued.drain(..).collect();
+        let next = || ends.inputs[1].read(ReadMode::Take, Borrower::Callback).value.cast::<u64>();
+        // SAFETY: a value that was published, shown until the next is.
+        let is: Vec<u64> = std::iter::from_fn(|| unsafe { next().as_ref() }.copied()).collect();
+        world.same(|| format!("what is left in the queue of slot {slot}"), is, must);
+    }
+
     fn check_places(&self, slot: usize) {
         let (world, ends) = (&self.world, self.world.ends(slot));
         for port in 0..PORTS {
@@ -106,7 +153,9 @@ impl Executors {
                 (0..=world.pending).map(|nth| if nth < world.pending { 0 } else { Status::Overload.code() }).collect();
             world.same(|| format!("free places of slot {slot} port {port}"), loans, must);
         }
-        let (waiting, in_hand, _) = ends.provider.counts();
-        world.same(|| format!("what slot {slot} holds after all"), (waiting, in_hand), (0, 0));
+        for provider in &ends.providers {
+            let (waiting, in_hand, _) = provider.counts();
+            world.same(|| format!("what slot {slot} holds after all"), (waiting, in_hand), (0, 0));
+        }
     }
 }

@@ -4,11 +4,14 @@ use std::cell::Cell;
 use std::sync::Arc;
 
 use component_sdk::abi::calls::Whose;
+use component_sdk::status::Status;
 use framework_daemon::sys::fiber::{self, Errand, NEVER};
 
-use super::model::PORTS;
-use super::outside;
-use super::world::{Ends, World};
+use super::ends::Ends;
+use super::model::{PORTS, SENDS};
+use super::naive_pushes::READERS;
+use super::world::World;
+use super::{links, outside};
 
 /// Operations of a callback, at most.
 const LENGTH: usize = 6;
@@ -17,8 +20,18 @@ const LENGTH: usize = 6;
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Job {
     Execute,
-    /// The handler of a call: the provider's number, the model's.
+    /// The handler of a question: the server's number, the model's.
     Serve(u64, u64),
+    /// Of a message.
+    Take(u64, u64),
+    /// The server of events is told of that activation.
+    Told(u64),
+    /// That activation fired, with that event, which lies there.
+    Fired(u64, u64, usize),
+    /// A cycle begins.
+    Tick,
+    /// A value arrived, which lies there.
+    Value(u64, usize),
 }
 
 /// How a callback ended.
@@ -48,10 +61,16 @@ impl Errand for Script {
             ends: &self.ends,
             way: Cell::new(Way::Returned),
             depth: Cell::new(0),
+            puts: Cell::new(false),
         };
         match self.job {
             Job::Execute => actor.ramble(1 + self.world.dice.below(LENGTH)),
             Job::Serve(id, number) => actor.serve(id, number),
+            Job::Take(id, number) => actor.take(id, number),
+            Job::Told(number) => actor.hear_of(number),
+            Job::Fired(number, event, place) => actor.hear(number, event, place),
+            Job::Tick => actor.tick(),
+            Job::Value(value, place) => actor.handle(value, place),
         }
         self.way = actor.way.get();
     }
@@ -64,6 +83,8 @@ pub(super) struct Actor<'a> {
     pub(super) ends: &'a Ends,
     way: Cell<Way>,
     depth: Cell<u32>,
+    /// In the middle of a put of events, whose tests do not put.
+    pub(super) puts: Cell<bool>,
 }
 
 impl Actor<'_> {
@@ -104,28 +125,64 @@ impl Actor<'_> {
     }
 
     fn act(&self) {
+        self.look_again();
+        let nth = self.world.dice.below(64);
+        match self.world.dice.below(16) {
+            0..6 => self.act_on_calls(nth),
+            6..9 => self.act_on_events(nth),
+            9..13 => self.act_on_pushes(),
+            13 => self.act_on_connections(),
+            _ => self.act_otherwise(nth),
+        }
+    }
+
+    fn act_on_calls(&self, nth: usize) {
         let dice = &self.world.dice;
-        let (port, nth) = (dice.below(PORTS), dice.below(64));
-        match dice.below(64) {
-            0..10 => self.request(port),
-            10..20 => self.query(port),
+        let (port, asks) = (dice.below(PORTS), dice.below(SENDS));
+        match dice.below(56) {
+            0..8 => self.request(port),
+            8..12 => self.request(SENDS),
+            12..20 => self.query(asks),
             20..26 => self.receive(nth, false),
             26..36 => self.receive(nth, true),
             36..39 => self.discard(nth),
             39..41 => self.stale(nth),
             41..43 => self.loan_and_discard(port),
-            43 | 44 => {
-                let whose = if dice.once_in(2) { Whose::Port } else { Whose::Component };
-                self.blocking(port, whose, !dice.once_in(3));
-            }
-            45..47 => self.sleep(1 + dice.below(500) as u64),
-            47..56 => self.answer_kept(nth),
-            56 => self.refuse_kept(nth),
-            57 => self.answer_stale(nth),
-            58..60 => outside::connect(self.world, self.slot, port),
-            60 => outside::disconnect(self.world, self.slot, port),
-            61 if dice.once_in(4) => self.end(Way::Panicked),
-            62 if dice.once_in(4) => self.end(Way::Trapped),
+            43 => self.answer_stale(nth),
+            44..46 => self.pull(false),
+            46 => self.pull(true),
+            47 => self.finish_kept(nth, Some(Status::NotAllowed)),
+            _ => self.finish_kept(nth, None),
+        }
+    }
+
+    fn act_on_connections(&self) {
+        let dice = &self.world.dice;
+        let port = dice.below(PORTS);
+        match dice.below(8) {
+            0..2 => outside::connect(self.world, self.slot, port),
+            2 => outside::disconnect(self.world, self.slot, port),
+            3 => links::connect_events(self.world, self.slot),
+            4 if dice.once_in(2) => links::disconnect_events(self.world, self.slot),
+            5 => links::connect_reader(self.world, self.slot, dice.below(READERS)),
+            6 if dice.once_in(2) => links::disconnect_reader(self.world, self.slot, dice.below(READERS)),
+            7 if dice.once_in(4) => links::disconnect_writer(self.world, self.slot),
+            _ => {}
+        }
+    }
+
+    fn act_otherwise(&self, nth: usize) {
+        let dice = &self.world.dice;
+        let whose = if dice.once_in(2) { Whose::Port } else { Whose::Component };
+        let on = !dice.once_in(3);
+        match dice.below(16) {
+            0 => self.blocking(dice.below(PORTS), whose, on),
+            1 => self.blocking_events(whose, on),
+            2 => self.blocking_updates(whose, on),
+            3..6 => self.sleep(1 + dice.below(500) as u64),
+            6 if dice.once_in(4) => self.end(Way::Panicked),
+            7 if dice.once_in(4) => self.end(Way::Trapped),
+            8..14 => self.finish_kept(nth, None),
             _ => {}
         }
     }

@@ -1,10 +1,17 @@
-//! A server's operations, and what must come of them.
+//! What a server does that answers or takes messages, and what must come of it.
 #![allow(unsafe_code, reason = "the simulation plays the plugins, which write and read through the pointers")]
 
+use component_sdk::abi::calls::Wait as Time;
 use component_sdk::status::Status;
 
+use super::awaited::{Awaited, taker};
 use super::client::told;
+use super::model::{InHand, SERVERS};
 use super::script::{Actor, Way};
+
+/// Place of the server that answers among a slot's, and of the one that takes messages.
+const ANSWERS: usize = 0;
+const TAKES: usize = 1;
 
 impl Actor<'_> {
     /// The handler of a call.
@@ -21,7 +28,7 @@ impl Actor<'_> {
         }
         match dice.below(16) {
             0..10 => self.finish(id, number, None),
-            10..13 => self.world.model().slots[self.slot].instance.kept.push((id, number)),
+            10..13 => self.world.model().slots[self.slot].instance.kept.push((ANSWERS, id, number)),
             13 => self.finish(id, number, Some(Status::Error)),
             14 => {
                 self.finish(id, number, None);
@@ -35,9 +42,59 @@ impl Actor<'_> {
         }
     }
 
+    /// The handler of a message: it may last, and ends with it.
+    pub(super) fn take(&self, id: u64, number: u64) {
+        self.world.tell(|| format!("slot {}: takes {number}", self.slot));
+        self.world.count("messages taken");
+        self.ramble(self.world.dice.below(3));
+        if !self.way_is(Way::Trapped) {
+            self.done(id, number);
+        }
+    }
+
+    /// Waits for a message, where there is no handler.
+    pub(super) fn pull(&self, waits: bool) {
+        let server = taker(self.ends.life);
+        if self.world.model().providers[server].handled {
+            let lent = self.ends.providers[TAKES].pull(Time::NONE, &self.here());
+            self.world.same(|| "taking what has a handler".to_owned(), lent.status, Status::NotAllowed.code());
+            return;
+        }
+        let time = if waits { self.patience() } else { Time::NONE };
+        self.world.tell(|| format!("slot {}: pulls, {time:?}", self.slot));
+        let (here, before) = (self.here(), self.before(Awaited::Message, time));
+        let lent = self.ends.providers[TAKES].pull(time, &here);
+        // SAFETY: a message in hand.
+        let number = (lent.status == 0).then(|| unsafe { *lent.value.cast::<u64>() });
+        self.after(&before, number.ok_or(Status::from_code(lent.status)), &here);
+        if let Some(number) = number {
+            self.world.count("messages pulled");
+            let mut model = self.world.model();
+            let _ = model.next(server);
+            model.providers[server].hands.push(InHand { id: lent.id, number, again: false });
+            model.slots[self.slot].instance.kept.push((TAKES, lent.id, number));
+        }
+    }
+
+    /// A message is done with.
+    fn done(&self, id: u64, number: u64) {
+        let (provider, server) = (&self.ends.providers[TAKES], taker(self.ends.life));
+        // SAFETY: the message of a call in hand.
+        let still = unsafe { *provider.opened(id).value.cast::<u64>() };
+        self.world.same(|| "a message in hand".to_owned(), still, number);
+        let mut model = self.world.model();
+        model.drop_hand(server, number, Ok(0));
+        model.slots[self.slot].instance.stale_kept.push((TAKES, id));
+        drop(model);
+        self.world.tell(|| format!("slot {}: is done with {number}", self.slot));
+        self.world.same(|| format!("the end of message {number}"), provider.refuse(id, Status::Error), Ok(()));
+        let again = provider.refuse(id, Status::Error);
+        self.world.same(|| format!("the end of message {number} again"), again, Err(Status::WrongId));
+    }
+
     /// The block for an answer, half written.
     fn answer_on_loan(&self, id: u64, number: u64) -> *mut u8 {
-        let provider = &self.ends.provider;
+        let provider = &self.ends.providers[ANSWERS];
         let opened = provider.opened(id);
         self.world.same(|| format!("opening {number}"), opened.status, 0);
         if opened.status != 0 {
@@ -57,7 +114,7 @@ impl Actor<'_> {
 
     /// Answers a call in hand, or refuses it.
     fn finish(&self, id: u64, number: u64, refusal: Option<Status>) {
-        let provider = &self.ends.provider;
+        let provider = &self.ends.providers[ANSWERS];
         if refusal.is_none() {
             let value = self.answer_on_loan(id, number);
             if value.is_null() {
@@ -70,8 +127,8 @@ impl Actor<'_> {
         let mut model = self.world.model();
         let is_left = model.calls.get(&number).is_some_and(|call| call.left);
         let fate = if is_left { Err(Status::Disconnected) } else { refusal.map_or(Ok(told(number)), Err) };
-        model.drop_hand(self.ends.life, number, fate);
-        model.slots[self.slot].instance.stale_kept.push(id);
+        model.drop_hand(self.ends.life * SERVERS + ANSWERS, number, fate);
+        model.slots[self.slot].instance.stale_kept.push((ANSWERS, id));
         drop(model);
         let is = refusal.map_or_else(|| provider.answer(id), |status| provider.refuse(id, status));
         self.world.tell(|| format!("slot {}: answers {number} with {refusal:?} -> {is:?}", self.slot));
@@ -79,21 +136,17 @@ impl Actor<'_> {
         self.world.same(|| format!("answering {number} again"), provider.answer(id), Err(Status::WrongId));
     }
 
-    fn kept(&self, nth: usize) -> Option<(u64, u64)> {
+    fn kept(&self, nth: usize) -> Option<(usize, u64, u64)> {
         let mut model = self.world.model();
         let kept = &mut model.slots[self.slot].instance.kept;
         (!kept.is_empty()).then(|| kept.remove(nth % kept.len()))
     }
 
-    pub(super) fn answer_kept(&self, nth: usize) {
-        if let Some((id, number)) = self.kept(nth) {
-            self.finish(id, number, None);
-        }
-    }
-
-    pub(super) fn refuse_kept(&self, nth: usize) {
-        if let Some((id, number)) = self.kept(nth) {
-            self.finish(id, number, Some(Status::NotAllowed));
+    pub(super) fn finish_kept(&self, nth: usize, refusal: Option<Status>) {
+        match self.kept(nth) {
+            Some((ANSWERS, id, number)) => self.finish(id, number, refusal),
+            Some((_, id, number)) => self.done(id, number),
+            None => {}
         }
     }
 
@@ -106,8 +159,8 @@ impl Actor<'_> {
             stale.drain(..excess);
             stale.get(nth % stale.len().max(1)).copied()
         };
-        let Some(id) = id else { return };
-        let provider = &self.ends.provider;
+        let Some((server, id)) = id else { return };
+        let provider = &self.ends.providers[server];
         self.world.same(|| "answering by an old number".to_owned(), provider.answer(id), Err(Status::WrongId));
         self.world.same(
             || "refusing by an old number".to_owned(),

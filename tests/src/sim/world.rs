@@ -1,20 +1,19 @@
-//! What is: the ends of the slots' ports, the executors' bells, the time; and what was found wrong.
+//! What is: the slots, the executors' bells, the time; and what was found wrong.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use component_sdk::object::CommObject;
-use framework_daemon::port::pattern::objects::Objects;
-use framework_daemon::port::pattern::provider::{Openness, Provider};
-use framework_daemon::port::pattern::requestor::{Requestor, Room};
-use framework_daemon::port::wait::{NotHere, Place, Waiter};
-use framework_daemon::sys::bell::{Bell, Signal};
+use framework_daemon::port::registry::Registry;
+use framework_daemon::port::wait::{NotHere, Place};
+use framework_daemon::sys::bell::Bell;
 use framework_daemon::sys::fiber;
 use framework_daemon::sys::seat::{self, Owner};
 
 use super::dice::Dice;
-use super::model::{self, Gates, Model, PORTS, Slot, State};
+use super::ends::Ends;
+use super::links;
+use super::model::{self, GATES, Gates, Model, PORTS, Slot, State};
 
 /// Slots of a system, at most.
 pub(super) const SLOTS_MAX: usize = 8;
@@ -22,17 +21,6 @@ pub(super) const SLOTS_MAX: usize = 8;
 pub(super) const EXECUTORS_MAX: usize = 3;
 /// A wait that ends by what it waits for only.
 pub(super) const NO_DEADLINE_NS: u64 = 7 * 24 * 3600 * 1_000_000_000;
-
-const OBJECTS: Objects = Objects { request: u64::DESCRIPTOR, answer: Some(u64::DESCRIPTOR) };
-
-/// The ends of a slot's ports, from when it is built until it is built anew.
-pub(super) struct Ends {
-    /// Number of this life.
-    pub(super) life: usize,
-    pub(super) provider: Arc<Provider>,
-    pub(super) requestors: Vec<Requestor>,
-    pub(super) signal: Arc<Signal>,
-}
 
 /// A history's system.
 pub(super) struct World {
@@ -42,6 +30,7 @@ pub(super) struct World {
     /// Calls that a client port may have open.
     pub(super) pending: usize,
     pub(super) slots: Vec<Mutex<Arc<Ends>>>,
+    pub(super) registry: Registry,
     pub(super) bells: Vec<Arc<Bell>>,
     /// Of the thread that belongs to no executor.
     pub(super) outside: Arc<Bell>,
@@ -68,6 +57,7 @@ impl World {
             deadlines: dice.once_in(2),
             pending: 1 + dice.below(4),
             slots: Vec::new(),
+            registry: Registry::default(),
             bells: (0..executors).map(|_| Bell::new()).collect(),
             outside: Bell::new(),
             now_ns: AtomicU64::new(1_000),
@@ -90,38 +80,17 @@ impl World {
                 executor,
                 state: State::Stopped,
                 links: [None; PORTS],
-                gates: [Gates { slot: false, ..Gates::OPEN }; PORTS],
+                gates: [Gates { slot: false, ..Gates::OPEN }; GATES],
                 instance: model::Instance::default(),
                 wait: None,
                 ending: false,
             };
-            ends.requestors.iter().for_each(|port| port.set_blocking(false));
+            ends.set_blocking(false);
             world.model().slots.push(slot);
             world.slots.push(Mutex::new(ends));
         }
+        links::announce(&world);
         Arc::new(world)
-    }
-
-    /// The ends of a new life on that executor.
-    pub(super) fn build(&self, executor: usize) -> Arc<Ends> {
-        let (waiter, signal) = (Waiter::new(), Signal::new(Arc::clone(&self.bells[executor])));
-        let room = 1 + self.dice.below(4);
-        let mut model = self.model();
-        let life = model.providers.len();
-        let hands = Vec::new();
-        model.providers.push(model::Provider { open: Openness::Starting, room, queue: [].into(), hands });
-        model.waits_for.push(None);
-        drop(model);
-        let requestors = (0..PORTS).map(|_| {
-            let room = Room { pending: self.pending, timeout_ns: NO_DEADLINE_NS, retry: false };
-            Requestor::new("asks", OBJECTS, room, Arc::clone(&waiter))
-        });
-        let requestors: Vec<_> = requestors.collect();
-        let provider = Provider::new("tells", OBJECTS, room, waiter);
-        signal.assign(life);
-        requestors.iter().for_each(|port| port.listen(Arc::clone(&signal)));
-        provider.listen(Arc::clone(&signal));
-        Arc::new(Ends { life, provider: Arc::new(provider), requestors, signal })
     }
 
     /// The one thread is that executor's from now on, in a callback.

@@ -73,6 +73,8 @@ impl Turn {
 struct Handled {
     turn: Turn,
     queue: ArrayQueue<Sample>,
+    /// Values that made room for others.
+    lost: AtomicU64,
     /// The one that the handler looks at.
     current: Newest,
 }
@@ -116,6 +118,7 @@ impl Subscriber {
         let handled = |(every, room): (u32, usize)| Handled {
             turn: Turn::new(every.max(1)),
             queue: ArrayQueue::new(room.max(1)),
+            lost: AtomicU64::new(0),
             current: Newest::default(),
         };
         Self {
@@ -201,7 +204,7 @@ impl Subscriber {
     ///
     /// # Errors
     /// `Error`: every 0-th; `Disconnected`.
-    pub(in crate::port) fn subscribe(&self, prescale: u32) -> Result<(), Status> {
+    pub fn subscribe(&self, prescale: u32) -> Result<(), Status> {
         if prescale == 0 {
             return Err(Status::Error);
         }
@@ -239,14 +242,21 @@ impl Subscriber {
         self.ring(Ring::Wait);
     }
 
-    /// A value is about to be put into the input: its handler gets it, too, if it is its turn. True: the oldest made room.
-    pub(in crate::port) fn note(&self, sample: &Sample) -> bool {
+    /// A value is about to be put into the input: its handler gets it, too, if it is its turn.
+    pub(in crate::port) fn note(&self, sample: &Sample) {
         let Some(handled) = self.handled.as_ref().filter(|handled| handled.turn.takes() == Some(true)) else {
-            return false;
+            return;
         };
-        let is_lost = handled.queue.force_push(Arc::clone(sample)).is_some();
+        if handled.queue.force_push(Arc::clone(sample)).is_some() {
+            handled.lost.fetch_add(1, Ordering::Relaxed);
+        }
         self.ring(Ring::Serve);
-        is_lost
+    }
+
+    /// Values that its handler never saw, because its queue was full.
+    #[must_use]
+    pub(in crate::port) fn lost(&self) -> u64 {
+        self.handled.as_ref().map_or(0, |handled| handled.lost.load(Ordering::Relaxed))
     }
 
     /// A value is in the input.
@@ -338,7 +348,7 @@ impl Subscriber {
     ///
     /// # Errors
     /// `Disconnected`.
-    pub(in crate::port) fn info(&self) -> Result<PushInfo, Status> {
+    pub fn info(&self) -> Result<PushInfo, Status> {
         self.ask(|servers| {
             let server = servers.iter().find(|server| server.cycle().period_ns.is_some()).or(servers.first());
             let period_ns = server.and_then(|server| server.cycle().period_ns).unwrap_or(0);
@@ -347,7 +357,7 @@ impl Subscriber {
     }
 
     /// The author's gates.
-    pub(in crate::port) fn blocking(&self, whose: Whose, on: bool) {
+    pub fn blocking(&self, whose: Whose, on: bool) {
         self.gate.set_author(whose, on);
         self.ring(Ring::Wait);
     }

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use super::layout::{Drawing, Line, Node, Pin, Point, ROW, TITLE, layout, subtitle, text_width};
-use super::{monitored, range};
-use crate::profile::plan::{ConnectionPlan, MonitorPlan, Plan, PortKind, SlotPlan};
+use super::{monitored, needed, range};
+use crate::profile::plan::{ConnectionPlan, DependencyPlan, Plan, PortKind, SlotPlan};
 
 const STYLE: &str = "<style>\
     text{font-family:'DejaVu Sans','Helvetica Neue',Arial,sans-serif;fill:#1b2430}\
@@ -12,6 +12,7 @@ const STYLE: &str = "<style>\
     .port{font-size:12px}.label{font-size:10.5px;fill:#3c4858;paint-order:stroke;stroke:#fff;stroke-width:4px}\
     .standby{font-size:11px;fill:#566173;font-style:italic}.line{fill:none;stroke-width:1.8}\
     .data{stroke:#1f5fa8}.event{stroke:#b35c00;stroke-dasharray:7 4}.service{stroke:#2a7d3f;stroke-dasharray:2 3}\
+    .needs{stroke:#a02020;stroke-width:1.4;stroke-dasharray:1 4;stroke-linecap:round}.pneeds{fill:#fff;stroke:#a02020}\
     .pdata{fill:#1f5fa8}.pevent{fill:#b35c00}.pservice{fill:#2a7d3f}\
     </style>";
 
@@ -31,11 +32,14 @@ pub fn draw(plan: &Plan) -> String {
     for (connection, line) in plan.connections.iter().zip(&drawing.lines) {
         draw_line(connection, line, &mut out);
     }
+    for dependency in &plan.dependencies {
+        needs(plan, &drawing, dependency, &mut out);
+    }
     for (slot, node) in plan.slots.iter().zip(&drawing.nodes) {
         slot_box(slot, node, plan.applications.len() > 1, &mut out);
     }
     labels(plan, &drawing, &mut out);
-    legend(height - 18.0, &mut out);
+    legend(height - 18.0, !plan.dependencies.is_empty(), &mut out);
     out.push_str("</svg>\n");
     out
 }
@@ -115,6 +119,53 @@ fn draw_line(connection: &ConnectionPlan, line: &Line, out: &mut String) {
     let _ = writeln!(out, "<path class=\"line {class}\" d=\"{path}\"/>{}", arrow(class, *tip));
 }
 
+/// Who stops when others do: a dotted line to it from each slot that it needs, from top to top over what lies between, and how
+/// many of them it needs beside where they arrive.
+fn needs(plan: &Plan, drawing: &Drawing, dependency: &DependencyPlan, out: &mut String) {
+    let node = |name: &str| {
+        let slot = plan.slots.iter().position(|slot| slot.name == name);
+        slot.and_then(|slot| drawing.nodes.get(slot))
+    };
+    let Some(dependent) = node(&dependency.slot) else { return };
+    // Beside the middle, where the data's own lines do not arrive either.
+    let tip = Point { x: dependent.at.x + dependent.width * 0.35, y: dependent.at.y };
+    for needed in dependency.on.iter().flat_map(|needed| &needed.slots).filter_map(|name| node(name)) {
+        let from = Point { x: needed.at.x + needed.width * 0.65, y: needed.at.y };
+        let path = if (from.x - tip.x).abs() < SAME_COLUMN { beside(needed, dependent) } else { over(from, tip) };
+        let _ = writeln!(out, "<path class=\"line needs\" d=\"{path}\"/>");
+    }
+    let Point { x, y } = tip;
+    let _ = writeln!(out, "<path class=\"pneeds\" d=\"M{x:.1} {:.1}l-4.5 -9h9z\"/>", y - 1.0);
+    label(Point { x: x + 9.0, y: y - 7.0 }, "start", &needed(dependency), out);
+}
+
+/// Boxes that are less apart lie one above the other.
+const SAME_COLUMN: f64 = 130.0;
+
+/// An arc from the top of one box to the top of another, as high as the heading leaves room for.
+fn over(from: Point, to: Point) -> String {
+    let rise = ((to.x - from.x).abs() / 6.0).clamp(22.0, 60.0);
+    let top = (from.y.min(to.y) - rise).max(HEADING_BOTTOM);
+    format!("M{:.1} {:.1}C{:.1} {top:.1} {:.1} {top:.1} {:.1} {:.1}", from.x, from.y, from.x, to.x, to.x, to.y - 9.0)
+}
+
+/// Where the heading ends.
+const HEADING_BOTTOM: f64 = 48.0;
+
+/// Along the right side of boxes that lie one above the other, and around into the top of the one that needs the other.
+fn beside(needed: &Node, dependent: &Node) -> String {
+    let right = |node: &Node| node.at.x + node.width;
+    let out = right(needed).max(right(dependent)) + 26.0;
+    let (tip_x, tip_y) = (dependent.at.x + dependent.width * 0.35, dependent.at.y);
+    let (from_x, from_y) = (right(needed), needed.at.y + TITLE / 2.0);
+    let above = tip_y - 22.0;
+    format!(
+        "M{from_x:.1} {from_y:.1}C{out:.1} {from_y:.1} {out:.1} {above:.1} {:.1} {above:.1}Q{tip_x:.1} {above:.1} {tip_x:.1} {:.1}",
+        right(dependent),
+        tip_y - 9.0
+    )
+}
+
 /// Level where it leaves, passes and arrives.
 fn smooth(points: &[Point]) -> String {
     let mut path = String::new();
@@ -176,18 +227,16 @@ fn labels(plan: &Plan, drawing: &Drawing, out: &mut String) {
         let at = middle(line);
         label(Point { x: at.x, y: at.y - 5.0 }, "middle", &checks.join(", "), out);
     }
-    plan.monitors.iter().for_each(|monitor| watched(plan, drawing, monitor, out));
+    watched(plan, drawing, out);
 }
 
-/// What a monitor watches, beside its port.
-fn watched(plan: &Plan, drawing: &Drawing, monitor: &MonitorPlan, out: &mut String) {
-    let slot = plan.slots.iter().position(|slot| slot.name == monitor.port.slot);
-    let Some(node) = slot.and_then(|slot| drawing.nodes.get(slot)) else { return };
-    let text = format!("monitor: {}", monitored(monitor));
-    for (pins, shift, anchor) in [(&node.left, -8.0, "end"), (&node.right, 8.0, "start")] {
-        let pin = pins.iter().find(|pin| pin.name == monitor.port.port && pin.kind == PortKind::Data);
-        if let Some(Point { x, y }) = pin.map(|pin| pin.at) {
-            label(Point { x: x + shift, y: y + 13.0 }, anchor, &text, out);
+/// What monitors watch, each in a line below the slot: beside the port it would cover what the lines lead to.
+fn watched(plan: &Plan, drawing: &Drawing, out: &mut String) {
+    for (slot, node) in plan.slots.iter().zip(&drawing.nodes) {
+        let of_slot = plan.monitors.iter().filter(|monitor| monitor.port.slot == slot.name);
+        for (line, monitor) in of_slot.enumerate() {
+            let at = Point { x: node.at.x + 4.0, y: node.at.y + node.height + 12.0 + 12.0 * line as f64 };
+            label(at, "start", &format!("{} · monitor: {}", monitor.port.port, monitored(monitor)), out);
         }
     }
 }
@@ -225,10 +274,10 @@ fn label(at: Point, anchor: &str, text: &str, out: &mut String) {
     }
 }
 
-fn legend(y: f64, out: &mut String) {
+fn legend(y: f64, has_needs: bool, out: &mut String) {
     let mut x = 28.0;
-    for kind in [PortKind::Data, PortKind::Event, PortKind::Service] {
-        let class = class_of(kind);
+    let kinds = [PortKind::Data, PortKind::Event, PortKind::Service].map(class_of);
+    for class in kinds.into_iter().chain(has_needs.then_some("needs")) {
         let _ = writeln!(
             out,
             "<path class=\"line {class}\" d=\"M{x:.1} {y:.1}h34\"/><text class=\"class\" x=\"{:.1}\" y=\"{:.1}\">{class}</text>",

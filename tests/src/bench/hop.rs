@@ -15,6 +15,8 @@ const BATCH: &str = "500";
 const IDLE: usize = 62;
 /// Readers of one output.
 const READERS: usize = 100;
+/// Longest time that a system runs that measured nothing yet.
+const PATIENCE: Duration = Duration::from_secs(20);
 /// Where the figures go.
 const FILE: (&str, &str, &str) = ("file", "string", "@/figures");
 
@@ -126,7 +128,11 @@ fn copies() -> Vec<u64> {
 fn in_turns(run: Duration, system: impl Fn() -> Bench, limit: impl Fn() -> Vec<u64>) -> (Samples, Samples) {
     let (mut own, mut raw) = (Samples::default(), Samples::default());
     for _ in 0..ROUNDS {
-        system().finish(run / ROUNDS as u32, &mut own);
+        let mut long = run / ROUNDS as u32;
+        // Longer where it came to nothing, for a bounded time: `n` says how much was measured.
+        while !system().finish(long, &mut own) && long < PATIENCE {
+            long *= 2;
+        }
         limit().into_iter().for_each(|figure| raw.add(figure));
     }
     (own, raw)

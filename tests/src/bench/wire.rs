@@ -65,16 +65,15 @@ impl Bench {
         self.system.as_ref().expect("it runs until it is stopped")
     }
 
-    /// Lets it run for that long, stops it, and adds what it measured.
-    ///
-    /// # Panics
-    /// When it did not write its figures, or there are none.
-    pub fn finish(mut self, run: Duration, into: &mut Samples) {
+    /// Lets it run for that long, stops it, and adds what it measured. False: it measured nothing, which may be so where others
+    /// keep all processors busy.
+    #[must_use]
+    pub fn finish(mut self, run: Duration, into: &mut Samples) -> bool {
         std::thread::sleep(run);
         self.system.take().into_iter().for_each(shutdown);
-        let text = std::fs::read_to_string(self.profiles.path().join("figures")).expect("figures were written");
-        assert!(!text.is_empty(), "it ran long enough to measure something");
+        let text = std::fs::read_to_string(self.profiles.path().join("figures")).unwrap_or_default();
         text.lines().filter_map(|line| line.parse().ok()).for_each(|figure| into.add(figure));
+        !text.is_empty()
     }
 }
 

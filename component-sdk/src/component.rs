@@ -51,7 +51,8 @@ macro_rules! fault {
 /// The fault that led to a call of `on_error` or `recover`.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultInfo<'a> {
-    /// Symptom, as in the journal: `crash.segv`, `error`, ...; or `restart`: the daemon itself was started again.
+    /// Symptom, as in the journal: `crash.segv`, `error`, ...; or `restart`: the daemon itself was started again, or a reload
+    /// built the slot anew.
     pub symptom: &'a str,
     /// The slot that was blamed.
     pub slot: &'a str,

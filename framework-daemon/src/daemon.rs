@@ -29,7 +29,7 @@ use crate::sys::foreign::{self, Report};
 use crate::sys::seat::Owner;
 use crate::sys::signals::{self, Request};
 use crate::sys::thread::SignalStack;
-use crate::sys::{fence, last_words, log_ring, memory, shield, trap};
+use crate::sys::{fence, last_words, log_ring, mapping, memory, shield, trap};
 
 /// Faults to provoke.
 pub mod drill;
@@ -126,6 +126,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
         return Err(RunError::Usage(wrong));
     }
     let requests = signals::listen()?;
+    let cuts = mapping::listen()?;
     log_ring::start()?;
     memory::lock_all().unwrap_or_else(|reason| tracing::warn!("{reason}"));
     let strays = foreign::listen()?;
@@ -176,7 +177,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
     if reload {
         let _ = daemon.reload();
     }
-    Ok(daemon.serve(&requests, &strays))
+    Ok(daemon.serve(&requests, &strays, &cuts))
 }
 
 fn open_journal(settings: &Settings) -> Result<SharedJournal, RunError> {
@@ -254,7 +255,8 @@ struct Daemon<'a> {
 }
 
 impl Daemon<'_> {
-    fn serve(mut self, requests: &Receiver<Request>, strays: &Receiver<Report>) -> Ending {
+    fn serve(mut self, requests: &Receiver<Request>, strays: &Receiver<Report>, cuts: &Receiver<()>) -> Ending {
+        let mut cuts = cuts.clone();
         let restarts = self.manager.restarts().clone();
         let orders = self.control.orders().clone();
         let ending = loop {
@@ -287,6 +289,13 @@ impl Daemon<'_> {
                     }
                 }
                 recv(strays) -> report => report.iter().for_each(|report| self.blame(report)),
+                recv(cuts) -> cut => {
+                    if cut.is_ok() {
+                        self.tell_cut();
+                    }
+                    // Told once.
+                    cuts = never();
+                }
                 recv(alarm) -> _ => self.inject(),
             }
         };
@@ -311,6 +320,15 @@ impl Daemon<'_> {
         if blamed.is_empty() {
             tracing::error!("a thread of nobody who is still there failed: {report:?}");
         }
+    }
+
+    /// Somebody cut the file of checkpoints short.
+    fn tell_cut(&self) {
+        let file = self.keep.as_ref().map(|keep| keep.path().display().to_string()).unwrap_or_default();
+        tracing::error!(
+            "checkpoints {file}: somebody cut the file short: what slots keep there serves this run, and the next one begins anew"
+        );
+        note(&self.journal, "checkpoints", &json!({"file": file, "event": "cut"}));
     }
 
     fn inject(&mut self) {
@@ -346,12 +364,12 @@ impl Daemon<'_> {
             Ok(changes) => {
                 self.manager.restart_on_taint(self.system.plan.system.on_taint == OnTaint::Restart);
                 tracing::info!("{changes}");
-                note(
-                    &self.journal,
-                    "reload",
-                    &json!({"accepted": true, "added": changes.added,
-                    "changed": changes.changed, "removed": changes.removed, "kept": changes.kept}),
-                );
+                let mut fields = json!({"accepted": true, "added": changes.added, "changed": changes.changed,
+                    "removed": changes.removed, "kept": changes.kept});
+                if !changes.taken_up.is_empty() {
+                    fields["taken_up"] = changes.taken_up.as_slice().into();
+                }
+                note(&self.journal, "reload", &fields);
             }
             Err(reasons) => {
                 reasons.iter().for_each(|reason| tracing::error!("{reason}"));

@@ -49,9 +49,7 @@ impl Counter {
 
 /// The numbers that the instance of this run went on from: outside it, and inside.
 fn began_with(daemon: &Running) -> (u64, u64) {
-    let line = &daemon.lines("keeper goes on from")[0];
-    let numbers = line.split("goes on from ").nth(1).and_then(|text| text.split_once(" and ")).unwrap();
-    (numbers.0.parse().unwrap(), numbers.1.parse().unwrap())
+    went_on_with(daemon, 0)
 }
 
 fn assert_goes_on(daemon: &Running) {
@@ -117,6 +115,62 @@ fn after_a_restart_for_suspect_memory_a_slot_goes_on() {
     let (outside, inside) = began_with(&daemon);
     assert!(outside > 0 && outside == inside, "{outside} and {inside}");
     daemon.wait_for("slot keeper: its checkpoint of the run before is taken up");
+    daemon.stop();
+}
+
+/// The numbers that an instance of this run went on from: the first one, or one of its successors.
+fn went_on_with(daemon: &Running, instance: usize) -> (u64, u64) {
+    daemon.wait_for_lines("keeper goes on from", instance + 1);
+    let line = &daemon.lines("keeper goes on from")[instance];
+    let numbers = line.split("goes on from ").nth(1).and_then(|text| text.split_once(" and ")).unwrap();
+    (numbers.0.parse().unwrap(), numbers.1.parse().unwrap())
+}
+
+#[test]
+fn who_cuts_the_file_short_takes_nothing_from_who_runs() {
+    let counter = Counter::new();
+    let mut daemon = counter.run(&["--inject", "keeper:crash.segv@2"]);
+    std::fs::File::options().write(true).open(counter.file()).unwrap().set_len(0).unwrap();
+    let cut = daemon.journal("checkpoints", 1).remove(0);
+    assert_eq!((cut["event"].as_str(), cut["file"].as_str()), (Some("cut"), counter.file().to_str()), "{cut}");
+    daemon.wait_for("somebody cut the file short");
+    // The slot is blamed for nothing, and what it keeps serves its successor.
+    let fault = daemon.journal("fault", 1).remove(0);
+    assert_eq!((fault["symptom"].as_str(), fault["injected"].as_bool()), (Some("crash.segv"), Some(true)), "{fault}");
+    assert!(fault["checkpoint"].as_u64() > Some(0), "{fault}");
+    let (outside, inside) = went_on_with(&daemon, 1);
+    assert!(outside > 20 && outside == inside, "{outside} and {inside}");
+    daemon.signal("KILL");
+    assert_eq!(daemon.wait().signal(), Some(9));
+    let mut daemon = counter.run(&[]);
+    assert_begins_anew(&daemon);
+    daemon.stop();
+    assert_eq!(daemon.entries("checkpoints").len(), 1, "nobody cut that of the second run");
+}
+
+#[test]
+fn a_slot_that_a_reload_builds_anew_goes_on_from_its_checkpoint() {
+    let counter = Counter::new();
+    // So long that only a copy made for the reload can be new.
+    counter.profiles.replace("app.xml", "period=\"10ms\"", "period=\"60s\"");
+    let mut daemon = counter.run(&[]);
+    std::thread::sleep(Duration::from_millis(300));
+    counter.profiles.replace("app.xml", "period=\"60s\"", "period=\"50s\"");
+    daemon.signal("HUP");
+    let reload = daemon.journal("reload", 1).remove(0);
+    assert_eq!((&reload["changed"][0], &reload["taken_up"][0]), (&"keeper".into(), &"keeper".into()), "{reload}");
+    let (outside, inside) = went_on_with(&daemon, 1);
+    assert!(outside > 20 && outside == inside, "{outside} and {inside}; the log:\n{}", daemon.log());
+    daemon.wait_for("slot keeper: built anew, it goes on from its checkpoint");
+    assert!(daemon.entries("fault").is_empty());
+
+    counter.profiles.replace("app.xml", "<reference>Keeper.xml", "<reference>Downer.xml");
+    daemon.signal("HUP");
+    let reload = daemon.journal("reload", 2).remove(1);
+    assert!(reload["accepted"] == true && reload["taken_up"].is_null(), "{reload}");
+    daemon.wait_for(
+        "slot keeper: built anew, it does not go on from its checkpoint: it is of class Keeper, not of Downer",
+    );
     daemon.stop();
 }
 

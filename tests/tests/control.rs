@@ -318,7 +318,7 @@ fn a_reload_is_answered_when_it_is_done_and_a_refused_one_tells_everything_that_
     assert_eq!(done(ask(&daemon, "reload")).out, "reloaded: added [], changed [], removed [], 3 not touched\n");
     profiles.replace("app.xml", "</subcomponents>", &format!("{}</subcomponents>", slot("second", "Ticker", "")));
     let added = done(ask(&daemon, "reload --format json")).json().remove(0);
-    assert_eq!(added, json!({"added": ["second"], "changed": [], "removed": [], "kept": 3}));
+    assert_eq!(added, json!({"added": ["second"], "changed": [], "removed": [], "taken_up": [], "kept": 3}));
     let names = done(ask(&daemon, "component list --format json")).json();
     assert_eq!(names[3]["slot"], "second", "the answer comes after the change");
 

@@ -31,7 +31,8 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     arguments.remote.ask_patiently("Reload", Map::new(), out, |answer| {
         let names = |field: &str| answer[field].as_array().into_iter().flatten().map(cell).collect();
         let kept = answer["kept"].as_u64().and_then(|kept| usize::try_from(kept).ok()).unwrap_or_default();
-        let changes = Changes { added: names("added"), removed: names("removed"), changed: names("changed"), kept };
+        let (added, removed, changed) = (names("added"), names("removed"), names("changed"));
+        let changes = Changes { added, removed, changed, kept, taken_up: names("taken_up") };
         vec![changes.to_string()]
     })
 }

@@ -84,8 +84,10 @@ impl ReloadOrder {
     pub fn answer(self, reloaded: &Reloaded) {
         // Who is gone is not waited for.
         let answer = match reloaded {
-            Ok(changes) => Ok(json!({"added": changes.added, "changed": changes.changed, "removed": changes.removed,
-                "kept": changes.kept})),
+            Ok(changes) => Ok(
+                json!({"added": changes.added, "changed": changes.changed, "removed": changes.removed, "taken_up": changes.taken_up,
+                "kept": changes.kept}),
+            ),
             Err(_) if emergency::latched() => Err(Refusal::of_order(Refused::latched())),
             Err(reasons) => Err(Refusal::ReloadRefused(reasons.clone())),
         };

@@ -11,7 +11,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::keep::{Keep, Room};
+use super::keep::{Keep, Room, reason_against};
 use super::kept::{self, Kept, Whose, room_of, sum_of};
 use crate::model::time::nanoseconds;
 use crate::sys::clock;
@@ -86,6 +86,15 @@ pub struct Whole {
     pub age_ns: u64,
 }
 
+/// Who left the checkpoint that a slot's first instance goes on from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Left {
+    /// A daemon that is gone.
+    ByRun,
+    /// The slot as it was before a reload built it anew.
+    ByReload,
+}
+
 /// The checkpoint of one slot.
 pub struct Checkpoint {
     period_ns: u64,
@@ -98,8 +107,8 @@ pub struct Checkpoint {
     backups: [Backup; 2],
     latest: usize,
     pending: Sum,
-    /// It is of the run before, and no instance went on from it yet.
-    is_of_before: bool,
+    /// No instance went on from it yet.
+    left: Option<Left>,
     /// It was taken up, and no copy was made since.
     was_taken_up: bool,
 }
@@ -119,7 +128,7 @@ impl Checkpoint {
             backups: [Backup::default(); 2],
             latest: 0,
             pending: Sum::default(),
-            is_of_before: false,
+            left: None,
             was_taken_up: false,
         }
     }
@@ -158,7 +167,7 @@ impl Checkpoint {
             self.keep.as_ref().filter(|_| is_first && bytes.is_some()).and_then(|keep| keep.take(whose, &layout));
         self.describe(layout, instance);
         if let Some(kept) = kept {
-            self.take_up(&kept);
+            self.take_up(&kept, Left::ByRun);
         }
     }
 
@@ -198,7 +207,37 @@ impl Checkpoint {
         self.place = Place::heap(bytes);
     }
 
-    fn take_up(&mut self, kept: &Kept) {
+    /// The first instance is to go on from that, which somebody else kept.
+    ///
+    /// # Errors
+    /// Why it cannot.
+    pub fn inherit(&mut self, kept: &Kept, left: Left) -> Result<(), String> {
+        let instance = self.instance.ok_or_else(|| "it has no critical regions any more".to_owned())?;
+        let whose = Whose { slot: self.slot, class: instance.class, build: instance.build };
+        if let Some(reason) = reason_against(kept, whose, &self.layout) {
+            return Err(reason);
+        }
+        self.take_up(kept, left);
+        Ok(())
+    }
+
+    /// The last copy that is whole, of an instance with these regions, for somebody else to keep.
+    #[must_use]
+    pub fn to_keep(&self, regions: &[Region]) -> Option<Kept> {
+        let (whole, instance) = (self.whole_for(regions)?, self.instance?);
+        let bytes = room_of(self.layout.iter().map(|(_, len)| *len))?;
+        Some(Kept {
+            slot: self.slot.to_owned(),
+            class: instance.class.to_owned(),
+            build: instance.build,
+            regions: self.layout.iter().map(|(name, len)| ((*name).to_owned(), *len)).collect(),
+            tries: 0,
+            at_ns: self.backups[whole.index].at_ns,
+            data: self.place.copy(whole.index).get(..bytes)?.to_vec(),
+        })
+    }
+
+    fn take_up(&mut self, kept: &Kept, left: Left) {
         let copy = self.place.copy_mut(0);
         let Some(copy) = copy.get_mut(..kept.data.len()) else { return };
         copy.copy_from_slice(&kept.data);
@@ -206,7 +245,7 @@ impl Checkpoint {
         if let Place::File(room) = &mut self.place {
             room.count_tries(kept.tries + 1);
         }
-        (self.is_of_before, self.was_taken_up, self.latest) = (true, true, 0);
+        (self.left, self.was_taken_up, self.latest) = (Some(left), true, 0);
         self.set(0, Backup { sum, at_ns: kept.at_ns });
     }
 
@@ -217,19 +256,23 @@ impl Checkpoint {
         }
     }
 
-    /// True once: there is one of the run before, that the first instance is to go on from.
-    pub fn is_of_before(&mut self) -> bool {
-        std::mem::take(&mut self.is_of_before)
+    /// Once: who left it, where the first instance is to go on from it.
+    pub fn left(&mut self) -> Option<Left> {
+        self.left.take()
     }
 
-    /// The slot went on from what the run before left.
-    pub fn tell_taken_up(&self, age_ns: u64) {
-        tracing::warn!(
-            "slot {}: its checkpoint of the run before is taken up, {:.1} ms old",
-            self.slot,
-            age_ns as f64 / 1e6
-        );
-        self.keep.iter().for_each(|keep| keep.tell(self.slot, age_ns));
+    /// The slot went on from what was left.
+    pub fn tell_taken_up(&self, left: Left, age_ns: u64) {
+        let (slot, age_ms) = (self.slot, age_ns as f64 / 1e6);
+        match left {
+            Left::ByRun => {
+                tracing::warn!("slot {slot}: its checkpoint of the run before is taken up, {age_ms:.1} ms old");
+                self.keep.iter().for_each(|keep| keep.tell(slot, age_ns));
+            }
+            Left::ByReload => {
+                tracing::info!("slot {slot}: built anew, it goes on from its checkpoint, {age_ms:.1} ms old");
+            }
+        }
     }
 
     /// Sees to it that there is room for the regions of an instance; false: there are none, or they are too large. What was
@@ -395,7 +438,7 @@ mod tests {
         let (mut values, keep) = ([5, 6], open());
         let mut first = every(Arc::clone(&keep));
         first.furnish(&regions(&mut values), &[], INSTANCE);
-        assert!(!first.is_of_before());
+        assert_eq!(first.left(), None);
         first.copy(&regions(&mut values));
         first.seal();
         keep.put_in_place();
@@ -404,8 +447,33 @@ mod tests {
         let mut restored = [0, 0];
         let regions = regions(&mut restored);
         second.furnish(&regions, &[vec![1000, 8]], INSTANCE);
-        assert!(second.is_of_before() && !second.is_of_before());
+        assert_eq!((second.left(), second.left()), (Some(Left::ByRun), None));
         second.restore(second.whole_for(&regions).unwrap(), &regions);
+        assert_eq!(restored, [5, 6]);
+    }
+
+    #[test]
+    fn one_that_is_built_anew_inherits_what_fits() {
+        let mut values = [5, 6];
+        let old = checkpoint(&mut values);
+        let mut regions = regions(&mut values);
+        let kept = old.to_keep(&regions).unwrap();
+        assert!(old.to_keep(&regions[..1]).is_none(), "a region is gone");
+        let anew = |instance: Instance, regions: &[Region]| {
+            let mut checkpoint = Checkpoint::every(Duration::from_millis(1), "slot");
+            checkpoint.furnish(regions, &[], instance);
+            let inherited = checkpoint.inherit(&kept, Left::ByReload);
+            (checkpoint, inherited)
+        };
+        assert!(anew(Instance { build: 2, ..INSTANCE }, &regions).1.unwrap_err().contains("another build"));
+        assert!(anew(INSTANCE, &regions[..1]).1.unwrap_err().contains("are others"));
+        let (mut new, inherited) = anew(INSTANCE, &regions);
+        assert_eq!((inherited, new.left()), (Ok(()), Some(Left::ByReload)));
+        let mut restored = [0, 0];
+        for (region, value) in regions.iter_mut().zip(&mut restored) {
+            region.address = std::ptr::from_mut(value).expose_provenance();
+        }
+        new.restore(new.whole_for(&regions).unwrap(), &regions);
         assert_eq!(restored, [5, 6]);
     }
 

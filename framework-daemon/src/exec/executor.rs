@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, SendError, Sender};
 
+use super::kept::Kept;
 use super::member::{Crew, Member};
 use super::strand::Job;
 use crate::model::fault::FaultSender;
@@ -28,6 +29,8 @@ enum Command {
     Remove(usize, Sender<()>),
     Rank(Vec<(usize, u32)>, Sender<()>),
     Inject(usize, u8, Sender<bool>),
+    HandOver(usize, Sender<Option<Box<Kept>>>),
+    Inherit(usize, Box<Kept>, Sender<Result<(), String>>),
     Blame(usize, Box<Report>),
     Quit,
 }
@@ -175,6 +178,22 @@ impl Executor {
         self.ask(limit, |reply| Command::Inject(member, code, reply))
     }
 
+    /// What whoever takes the member's slot over is to go on from.
+    ///
+    /// # Errors
+    /// When nothing came back within `limit`.
+    pub fn hand_over(&self, member: usize, limit: Duration) -> Result<Option<Box<Kept>>, Stuck> {
+        self.ask(limit, |reply| Command::HandOver(member, reply))
+    }
+
+    /// Has a member that was not started yet go on from that.
+    ///
+    /// # Errors
+    /// Why it cannot.
+    pub fn inherit(&self, member: usize, kept: Box<Kept>, limit: Duration) -> Result<(), String> {
+        self.ask(limit, |reply| Command::Inherit(member, kept, reply)).unwrap_or_else(|stuck| Err(stuck.to_string()))
+    }
+
     /// Tells a member what happened on a thread that it started.
     pub fn blame(&self, member: usize, report: Report) {
         // An executor that is gone has no members any more.
@@ -277,6 +296,16 @@ impl Run {
                 _ = reply.send(());
             }
             Command::Inject(number, code, reply) => _ = reply.send(self.inject(number, code)),
+            Command::HandOver(number, reply) => {
+                let mut kept = None;
+                self.with(number, |member, crew| kept = member.hand_over(crew).map(Box::new));
+                _ = reply.send(kept);
+            }
+            Command::Inherit(number, kept, reply) => {
+                let mut inherited = Ok(());
+                self.with(number, |member, _| inherited = member.inherit(&kept));
+                _ = reply.send(inherited);
+            }
             Command::Blame(number, report) => _ = self.with(number, |member, crew| member.blame(&report, crew)),
             // Plugins' thread-local destructors run when a thread ends; after a trap they might meet half-changed state.
             Command::Quit if self.crew.lost => self.retire(),

@@ -7,8 +7,8 @@
 //!
 //! Executors write into mapped memory, without a system call; rooms are made when instances are. Pages of a file are
 //! written back by the kernel every so often, and on a slow disk the next write to such a page may wait for it: where that
-//! counts, the file belongs onto a `tmpfs` (`--checkpoints`). Who cuts the file short while it is in use has the slots
-//! that write to it fail with `crash.bus`.
+//! counts, the file belongs onto a `tmpfs` (`--checkpoints`). Who cuts the file short while it is in use takes from
+//! the next run what it would have gone on from, and nothing else: see [`crate::sys::mapping`].
 
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions};
@@ -92,6 +92,12 @@ impl Keep {
     /// A slot went on from what the run before left.
     pub fn tell(&self, slot: &str, age_ns: u64) {
         self.desk().taken_up.push(TakenUp { slot: slot.to_owned(), age_ns });
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// The slots that went on, as far as they were started.
@@ -225,7 +231,7 @@ fn read(file: &mut File, path: &Path, origin: &Origin) -> Vec<Kept> {
 }
 
 /// Why an instance cannot go on from it.
-fn reason_against(kept: &Kept, whose: Whose<'_>, regions: &[(&'static str, usize)]) -> Option<String> {
+pub(super) fn reason_against(kept: &Kept, whose: Whose<'_>, regions: &[(&'static str, usize)]) -> Option<String> {
     let same = kept.regions.iter().map(|(name, len)| (name.as_str(), *len)).eq(regions.iter().copied());
     if kept.class != whose.class {
         return Some(format!("it is of class {}, not of {}", kept.class, whose.class));

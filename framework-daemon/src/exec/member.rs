@@ -383,10 +383,14 @@ impl Member {
     }
 
     fn back_up(&mut self, crew: &mut Crew) {
+        if self.checkpoint.as_mut().is_some_and(Checkpoint::is_due) {
+            self.back_up_now(crew);
+        }
+    }
+
+    pub(super) fn back_up_now(&mut self, crew: &mut Crew) {
         let (Some(checkpoint), Some(unit)) = (&mut self.checkpoint, &mut self.unit) else { return };
-        if checkpoint.is_due()
-            && let Err(fault) = crew.back_up(unit, checkpoint)
-        {
+        if let Err(fault) = crew.back_up(unit, checkpoint) {
             self.handle(&fault, crew);
         }
     }

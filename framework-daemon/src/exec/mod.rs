@@ -34,6 +34,9 @@ pub mod charge;
 /// Devices that components tell of.
 mod device;
 
+/// What a slot that is built anew goes on from.
+mod inherit;
+
 /// Silence at a slot's inputs.
 pub mod silence;
 

@@ -29,11 +29,13 @@ pub struct Changes {
     pub changed: Vec<String>,
     /// Slots that were not touched.
     pub kept: usize,
+    /// Those of the changed ones that go on from their checkpoint.
+    pub taken_up: Vec<String>,
 }
 
 impl std::fmt::Display for Changes {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { added, changed, removed, kept } = self;
+        let Self { added, changed, removed, kept, taken_up } = self;
         let names = |names: &[String]| names.join(", ");
         write!(
             formatter,
@@ -41,7 +43,11 @@ impl std::fmt::Display for Changes {
             names(added),
             names(changed),
             names(removed)
-        )
+        )?;
+        if taken_up.is_empty() {
+            return Ok(());
+        }
+        write!(formatter, ", going on from checkpoints [{}]", names(taken_up))
     }
 }
 
@@ -57,8 +63,8 @@ pub fn reload(system: &mut System, plan: &Arc<Plan>, extra: &[PathBuf]) -> Resul
     match prepare(system, blueprints, &old_plan, plan, &changes) {
         Ok(prepared) => {
             system.catalogue = catalogue;
-            commit(system, prepared, &changes);
-            Ok(changes)
+            let taken_up = commit(system, prepared, &changes);
+            Ok(Changes { taken_up, ..changes })
         }
         Err(reasons) => {
             system.plan = old_plan;
@@ -83,7 +89,8 @@ fn compare(system: &System, plan: &Plan) -> (Changes, Vec<SlotPlan>) {
     let fresh: Vec<SlotPlan> = plan.slots.iter().filter(|slot| is_new(slot) || is_changed(slot)).cloned().collect();
     let changed = fresh.iter().filter(|slot| is_changed(slot)).map(|slot| slot.name.clone()).collect();
     let kept = plan.slots.len() - fresh.len();
-    (Changes { added: diff.slots_added.clone(), removed: diff.slots_removed.clone(), changed, kept }, fresh)
+    let (added, removed) = (diff.slots_added.clone(), diff.slots_removed.clone());
+    (Changes { added, removed, changed, kept, taken_up: Vec::new() }, fresh)
 }
 
 /// What a commit puts in place.
@@ -135,7 +142,8 @@ fn assemble(system: &System, placed: &[Placed], plan: &Plan, changes: &Changes) 
     plan.slots.iter().filter_map(|slot| new(&slot.name).or_else(|| kept(&slot.name))).collect()
 }
 
-fn commit(system: &mut System, prepared: Prepared, changes: &Changes) {
+/// Returns the slots that go on from their checkpoint.
+fn commit(system: &mut System, prepared: Prepared, changes: &Changes) -> Vec<String> {
     let Prepared { slots, wiring, helpers, monitors } = prepared;
     let leaves = |placed: &&Placed| {
         let name = placed.slot.name;
@@ -144,6 +152,7 @@ fn commit(system: &mut System, prepared: Prepared, changes: &Changes) {
     let leaving: Vec<Placed> = system.slots.iter().rev().filter(leaves).cloned().collect();
     services::replace_providers(&leaving);
     leaving.iter().for_each(|placed| placed.slot.events.replace());
+    let taken_up = inherit(&leaving, &slots);
     for old in &leaving {
         warn_if_stuck(old, old.executor.stop_member(old.member, STEP).is_err());
     }
@@ -163,6 +172,24 @@ fn commit(system: &mut System, prepared: Prepared, changes: &Changes) {
     }
     drop(leaving);
     drop_unused_executors(system);
+    taken_up
+}
+
+/// Those that take the place of others go on from their checkpoints, where they have the same regions; returns them.
+fn inherit(leaving: &[Placed], slots: &[Placed]) -> Vec<String> {
+    let mut taken_up = Vec::new();
+    for old in leaving {
+        let Some(new) = slots.iter().find(|new| new.slot.name == old.slot.name) else { continue };
+        // One that is stuck has nothing to hand over; that is told when it is to stop.
+        let Some(kept) = old.executor.hand_over(old.member, STEP).ok().flatten() else { continue };
+        match new.executor.inherit(new.member, kept, STEP) {
+            Ok(()) => taken_up.push(new.slot.name.to_owned()),
+            Err(reason) => {
+                tracing::warn!("slot {}: built anew, it does not go on from its checkpoint: {reason}", new.slot.name);
+            }
+        }
+    }
+    taken_up
 }
 
 fn warn_if_stuck(placed: &Placed, stuck: bool) {

@@ -24,7 +24,7 @@ use super::pulse::Pulse;
 use super::relay::Relay;
 use super::shield::handlers;
 use super::text::Owner;
-use super::{arch, clock, foreign, heap, leaf, shield, text, thread};
+use super::{arch, clock, foreign, heap, leaf, mapping, shield, text, thread};
 use crate::model::fault::TrapEvidence;
 use crate::model::limits::{CALLERS, HANG_ATTEMPTS, HANG_ATTEMPTS_IN_DAEMON, STACK_WORDS};
 
@@ -403,6 +403,10 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
         return;
     }
     let sent = is_sent(info);
+    // SAFETY: a SIGBUS that nobody sent carries an address.
+    if signal == libc::SIGBUS && sent.is_none() && mapping::patch(unsafe { info.si_addr() }.addr()) {
+        return;
+    }
     let raised = RAISED.replace(Raised::Nothing);
     let signal = if raised == Raised::Nothing { signal } else { libc::SIGABRT };
     // SAFETY: all of these signals but SIGABRT carry an address where an instruction caused them.

@@ -26,10 +26,10 @@ pub const RING_STEP_RAD: f32 = 2.0 * PI / RING as f32;
 pub const RING_RADIUS_M: f32 = 0.20;
 /// Shortest range an ultrasonic sensor reports, in millimetres.
 pub const MIN_RANGE_MM: u16 = 30;
-/// Longest range an ultrasonic sensor reports, in millimetres.
+/// Longest range an ultrasonic sensor reports, in millimetres; also what it reports when no echo has come back in time.
 pub const MAX_RANGE_MM: u16 = 3000;
-/// What [`crate::Ultrasonic`] holds when no echo came back.
-pub const NO_ECHO: u16 = 0;
+/// What [`crate::Ultrasonic`] holds for a sensor that does not answer: it is unplugged, or broken.
+pub const NO_ANSWER: u16 = 0;
 
 /// Speed of the serial line, in baud (8 data bits, no parity, one stop bit).
 pub const BAUD: u32 = 115_200;

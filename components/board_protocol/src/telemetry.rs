@@ -18,7 +18,8 @@ pub struct Ultrasonic {
     /// The board's clock since it started, in microseconds; wraps after 71 minutes.
     pub time_us: u32,
     /// Range of each sensor in millimetres, from the sensor's face. Index 0 looks straight ahead, the others follow
-    /// counter-clockwise every 30 degrees. 0 means no echo; an echo is within 30 to 3000.
+    /// counter-clockwise every 30 degrees. Within 30 to 3000; 3000 is also what a sensor without echo says, as one does
+    /// whose time is over; 0 only one that does not answer at all.
     pub ranges_mm: [u16; RING],
 }
 

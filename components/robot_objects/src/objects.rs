@@ -11,8 +11,8 @@ use crate::ring::Ranges;
 pub struct UltrasonicRing {
     /// Board's time of measurement.
     pub header: Header,
-    /// Distances in m from each transducer's face: 0 ahead, then counter-clockwise every 30 degrees. Raw: 0 means no
-    /// echo. Filtered: each within 0.03 to 3.0.
+    /// Distances in m from each transducer's face: 0 ahead, then counter-clockwise every 30 degrees. Within 0.03 to 3.0,
+    /// which is also what one without echo says. Raw: 0 means that the sensor does not answer.
     pub ranges: Ranges,
 }
 

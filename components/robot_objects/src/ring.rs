@@ -15,8 +15,8 @@ pub const STEP: f64 = TAU / ECHOES as f64;
 /// Distance of the transducers from the robot's centre, in m.
 pub const RADIUS: f64 = robot::RING_RADIUS_M as f64;
 
-/// Distances in m from each transducer's face, by direction. A raw ring has 0 where there was no echo; a filtered one
-/// has the sensor's longest range there.
+/// Distances in m from each transducer's face, by direction; the sensor's longest range where there was no echo. A raw ring has 0
+/// where a sensor does not answer; a filtered one never has.
 pub type Ranges = [f32; ECHOES];
 
 /// The direction of echo `index` in rad, left positive, in `-PI..=PI`.

@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use board_protocol::robot::NO_ECHO;
+use board_protocol::robot::NO_ANSWER;
 use board_protocol::{Command, Encoders, Telemetry, Ultrasonic};
 use serde::{Deserialize, Serialize};
 
@@ -105,7 +105,7 @@ impl Simulation {
         }
     }
 
-    /// Sensor `sensor` of the ultrasonic ring is pulled out at that time of the simulation, and hears nothing any more.
+    /// Sensor `sensor` of the ultrasonic ring is pulled out at that time of the simulation: it does not answer any more.
     pub fn unplug(&mut self, sensor: usize, at: Duration) {
         self.unplugged = Some((sensor, u64::try_from(at.as_micros()).unwrap_or(u64::MAX)));
     }
@@ -213,7 +213,7 @@ impl Simulation {
             let mut ranges_mm = sonar::ring(&self.scene, self.robot.pose(), &mut self.sonar_noise);
             let unplugged = self.unplugged.filter(|(_, since_us)| self.now_us >= *since_us);
             if let Some(range) = unplugged.and_then(|(sensor, _)| ranges_mm.get_mut(sensor)) {
-                *range = NO_ECHO;
+                *range = NO_ANSWER;
             }
             sent.push(Telemetry::Ultrasonic(Ultrasonic { time_us, ranges_mm }));
         }

@@ -1,6 +1,6 @@
 //! The ultrasonic ring: each sensor hears the nearest thing in its cone.
 
-use board_protocol::robot::{MAX_RANGE_MM, MIN_RANGE_MM, NO_ECHO, RING, RING_RADIUS_M, RING_STEP_RAD};
+use board_protocol::robot::{MAX_RANGE_MM, MIN_RANGE_MM, RING, RING_RADIUS_M, RING_STEP_RAD};
 
 use crate::geometry::Pose;
 use crate::noise::Noise;
@@ -16,14 +16,14 @@ const NOISE_SHARE: f64 = 0.004;
 /// One echo in this many is not heard.
 const DROPOUT_ONE_IN: f64 = 80.0;
 
-/// What the ring hears from `pose`: millimetres from each sensor, [`NO_ECHO`] where nothing came back.
+/// What the ring hears from `pose`: millimetres from each sensor, [`MAX_RANGE_MM`] where nothing came back.
 #[must_use]
 pub fn ring(scene: &Scene, pose: Pose, noise: &mut Noise) -> [u16; RING] {
     std::array::from_fn(|index| {
         let range = echo(scene, pose, index);
         // Both draws happen for every sensor, so that one wall more does not shift the noise of all the rest.
         let (error, heard) = (noise.bell(), noise.unit() >= 1.0 / DROPOUT_ONE_IN);
-        range.filter(|_| heard).map_or(NO_ECHO, |range| measured(range, error))
+        range.filter(|_| heard).map_or(MAX_RANGE_MM, |range| measured(range, error))
     })
 }
 

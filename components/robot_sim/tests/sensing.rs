@@ -62,17 +62,31 @@ fn the_ring_counts_from_the_sensor_counter_clockwise() {
 }
 
 #[test]
+fn an_unplugged_sensor_says_nothing_and_a_plugged_one_always_something() {
+    let mut robot = Simulation::new(room(), 5);
+    let pulled = Duration::from_secs(30);
+    robot.unplug(3, pulled);
+    for message in robot.advance(2 * pulled) {
+        if let Telemetry::Ultrasonic(ring) = message {
+            let is_out = ring.time_us >= pulled.as_micros() as u32;
+            assert_eq!(ring.ranges_mm[3] == 0, is_out, "{ring:?}");
+            assert!(ring.ranges_mm.iter().enumerate().all(|(sensor, mm)| sensor == 3 || *mm > 0), "{ring:?}");
+        }
+    }
+}
+
+#[test]
 fn ring_telemetry_is_noisy_in_range_and_drops_out_now_and_then() {
     let mut robot = Simulation::new(room(), 3);
     let (mut ahead, mut silent) = (Vec::new(), 0);
     for message in robot.advance(Duration::from_secs(60)) {
         if let Telemetry::Ultrasonic(ring) = message {
-            assert!(ring.ranges_mm.iter().all(|mm| *mm == 0 || (30..=3000).contains(mm)));
-            silent += ring.ranges_mm.iter().filter(|mm| **mm == 0).count();
+            assert!(ring.ranges_mm.iter().all(|mm| (30..=3000).contains(mm)));
+            silent += ring.ranges_mm.iter().filter(|mm| **mm == 3000).count();
             ahead.push(f64::from(ring.ranges_mm[0]));
         }
     }
-    ahead.retain(|mm| *mm > 0.0);
+    ahead.retain(|mm| *mm < 3000.0);
     let mean = ahead.iter().sum::<f64>() / ahead.len() as f64;
     assert!((mean - 1300.0).abs() < 3.0, "{mean}");
     assert!(ahead.iter().any(|mm| (mm - mean).abs() > 5.0), "noise");

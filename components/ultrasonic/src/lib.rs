@@ -11,7 +11,7 @@ use ring_filter::{RingFilter, Settings};
 #[derive(Component)]
 #[component(name = "UltrasonicFilter", version = "1.0", nonperiodic)]
 pub struct UltrasonicFilter {
-    /// As the board sends it: 0 where there was no echo.
+    /// As the board sends it: the longest range where there was no echo, 0 where a sensor does not answer.
     #[port]
     raw: DataIn<UltrasonicRing>,
     /// Each distance within `min_range` and `max_range`.
@@ -23,7 +23,7 @@ pub struct UltrasonicFilter {
     /// Longest distance that the sensor measures; also what a free direction reads.
     #[property(default = 3.0, unit = "m", range = 0.1..=10.0)]
     max_range: f64,
-    /// Samples without echo over which the last distance is held.
+    /// Samples without echo, or answer, over which the last distance is held.
     #[property(default = 2, unit = "samples", range = 0..=50)]
     hold: u8,
     #[critical]

@@ -29,7 +29,7 @@ pub struct RingFilter {
 }
 
 impl RingFilter {
-    /// Takes one raw ring (0 or out of range: no echo) and gives the filtered one, each value in `min_range..=max_range`.
+    /// Takes one raw ring (`max_range` or beyond: no echo; 0: no answer) and gives the filtered one, each value in `min_range..=max_range`.
     pub fn accept(&mut self, raw: &Ranges, settings: &Settings) -> Ranges {
         let mut filtered = [settings.max_range; ECHOES];
         for ((direction, echo), out) in self.directions.iter_mut().zip(raw).zip(&mut filtered) {
@@ -64,7 +64,7 @@ impl Direction {
     /// The echo, or what stands in for a missing one: the last value for a while, then "free".
     fn bridge(&mut self, echo: f32, settings: &Settings) -> f32 {
         // A NaN compares false, so it counts as missing too.
-        if echo >= settings.min_range && echo <= settings.max_range {
+        if echo >= settings.min_range && echo < settings.max_range {
             self.silent = 0;
             return echo;
         }
@@ -97,8 +97,10 @@ mod tests {
 
     #[test]
     fn a_dropout_is_held_and_then_free() {
-        let out = feed(&mut RingFilter::default(), &[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]);
-        assert_eq!(out, [1.0, 1.0, 1.0, 1.0, 1.0, 3.0]);
+        for nothing in [3.0, 0.0] {
+            let out = feed(&mut RingFilter::default(), &[1.0, 1.0, nothing, nothing, nothing, nothing]);
+            assert_eq!(out, [1.0, 1.0, 1.0, 1.0, 1.0, 3.0]);
+        }
     }
 
     #[test]

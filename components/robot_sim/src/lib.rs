@@ -32,7 +32,9 @@ pub mod scene;
 pub mod serve;
 pub mod simulation;
 pub mod sonar;
+pub mod sonar_unit;
 pub mod world;
 
 pub use simulation::{Simulation, Truth};
+pub use sonar_unit::SonarFaults;
 pub use world::World;

@@ -15,7 +15,7 @@ use robot_sim::serve::camera_socket::CameraSocket;
 use robot_sim::serve::pty::Pty;
 use robot_sim::serve::record::{End, Reason, Recorder};
 use robot_sim::serve::{Player, Playing};
-use robot_sim::{Simulation, World};
+use robot_sim::{Simulation, SonarFaults, World};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 /// Plays the robot: its motion board on a pseudo-terminal, its camera on a Unix socket.
@@ -49,6 +49,15 @@ struct Arguments {
     /// Let the power of the left wheels fail this many seconds after the first command to drive
     #[arg(long, value_name = "S")]
     left_power_off: Option<f64>,
+    /// Play one more ultrasonic ring, on a line of its own that this symbolic link leads to; repeatable, they count from 0
+    #[arg(long, value_name = "LINK")]
+    sonar: Vec<PathBuf>,
+    /// Let one of these rings fall silent: its number, and how many seconds after the first command to drive; repeatable
+    #[arg(long, value_name = "RING@S", value_parser = number_and_time)]
+    sonar_silent: Vec<(usize, Duration)>,
+    /// Let one of these rings drift, so that all seems nearer and nearer: its number and its time, as before; repeatable
+    #[arg(long, value_name = "RING@S", value_parser = number_and_time)]
+    sonar_drift: Vec<(usize, Duration)>,
     /// Keep to real time (the default)
     #[arg(long, conflicts_with = "speed")]
     realtime: bool,
@@ -102,16 +111,40 @@ fn player(arguments: &Arguments) -> Result<Player, Box<dyn std::error::Error>> {
     if let Some(seconds) = arguments.left_power_off {
         simulation.cut_left_power_after(Duration::try_from_secs_f64(seconds)?);
     }
-    Ok(Player::new(simulation, pty, camera, recorder))
+    let lines = sonars(arguments, &mut simulation)?;
+    Ok(Player::new(simulation, pty, camera, recorder).with_sonars(lines))
+}
+
+/// Further rings, each with its line.
+fn sonars(arguments: &Arguments, simulation: &mut Simulation) -> Result<Vec<Pty>, Box<dyn std::error::Error>> {
+    let rings = arguments.sonar.len();
+    if let Some((ring, _)) =
+        arguments.sonar_silent.iter().chain(&arguments.sonar_drift).find(|(ring, _)| *ring >= rings)
+    {
+        return Err(
+            format!("there is no ring {ring}: {rings} were asked for with --sonar, and they count from 0").into()
+        );
+    }
+    let of = |faults: &[(usize, Duration)], ring| faults.iter().find(|(number, _)| *number == ring).map(|(_, at)| *at);
+    for ring in 0..rings {
+        let (silent_after, drifts_after) = (of(&arguments.sonar_silent, ring), of(&arguments.sonar_drift, ring));
+        simulation.add_sonar(SonarFaults { silent_after, drifts_after });
+    }
+    Ok(arguments.sonar.iter().map(|link| Pty::open(link)).collect::<Result<_, _>>()?)
 }
 
 /// `3@1.5`.
 fn sensor_and_time(text: &str) -> Result<(usize, Duration), String> {
-    let parsed = text.split_once('@').and_then(|(sensor, at)| {
-        let sensor = sensor.parse().ok().filter(|sensor| *sensor < RING)?;
-        Some((sensor, Duration::try_from_secs_f64(at.parse().ok()?).ok()?))
-    });
+    let parsed = number_and_time(text).ok().filter(|(sensor, _)| *sensor < RING);
     parsed.ok_or_else(|| format!("write SENSOR@SECONDS, with a sensor from 0 to {}: 3@1.5", RING - 1))
+}
+
+/// `1@2.5`.
+fn number_and_time(text: &str) -> Result<(usize, Duration), String> {
+    let parsed = text
+        .split_once('@')
+        .and_then(|(number, at)| Some((number.parse().ok()?, Duration::try_from_secs_f64(at.parse().ok()?).ok()?)));
+    parsed.ok_or_else(|| "write NUMBER@SECONDS: 1@2.5".to_owned())
 }
 
 fn report(end: End) {

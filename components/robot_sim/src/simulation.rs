@@ -18,6 +18,7 @@ use crate::noise::Noise;
 use crate::robot::Robot;
 use crate::scene::Scene;
 use crate::sonar;
+use crate::sonar_unit::{SonarFaults, SonarUnit};
 use crate::world::World;
 
 /// Step of the physics.
@@ -63,26 +64,15 @@ pub struct Simulation {
     unplugged: Option<(usize, u64)>,
     sonar_noise: Noise,
     camera_noise: Noise,
-    left_power: LeftPower,
-}
-
-/// The supply of the left wheels' drivers, which may fail. The board does not notice.
-#[derive(Debug, Clone, Copy, Default)]
-struct LeftPower {
-    /// How long after the first command to drive it fails, in microseconds; `None`: never.
-    lasts_us: Option<u64>,
+    /// How long after the first command to drive the supply of the left wheels' drivers fails, in microseconds; `None`: never. The
+    /// board does not notice.
+    left_power_us: Option<u64>,
     /// When the first command to drive came.
     driven_us: Option<u64>,
-}
-
-impl LeftPower {
-    fn fails_us(self) -> Option<u64> {
-        Some(self.driven_us? + self.lasts_us?)
-    }
-
-    fn is_off(self, now_us: u64) -> bool {
-        self.fails_us().is_some_and(|fails_us| now_us >= fails_us)
-    }
+    seed: u64,
+    /// Further rings, and what they said that was not fetched yet.
+    sonars: Vec<SonarUnit>,
+    rounds: Vec<(usize, Telemetry)>,
 }
 
 impl Simulation {
@@ -101,7 +91,11 @@ impl Simulation {
             unplugged: None,
             sonar_noise: Noise::new(seed, 1),
             camera_noise: Noise::new(seed, 2),
-            left_power: LeftPower::default(),
+            left_power_us: None,
+            driven_us: None,
+            seed,
+            sonars: Vec::new(),
+            rounds: Vec::new(),
         }
     }
 
@@ -113,13 +107,25 @@ impl Simulation {
     /// Lets the power of the left wheels' drivers fail that long after the first command to drive. Nobody is told: the board goes on
     /// as if they had it.
     pub fn cut_left_power_after(&mut self, time: Duration) {
-        self.left_power.lasts_us = Some(u64::try_from(time.as_micros()).unwrap_or(u64::MAX / 2));
+        self.left_power_us = Some(u64::try_from(time.as_micros()).unwrap_or(u64::MAX / 2));
     }
 
     /// When the power of the left wheels failed; `None`: it has not.
     #[must_use]
     pub fn left_power_off(&self) -> Option<Duration> {
-        self.left_power.fails_us().filter(|fails_us| self.now_us >= *fails_us).map(Duration::from_micros)
+        let fails_us = self.driven_us? + self.left_power_us?;
+        (self.now_us >= fails_us).then(|| Duration::from_micros(fails_us))
+    }
+
+    /// One more ultrasonic ring, redundant to the motion board's, whose rounds [`Self::sonar_rounds`] tells. They count from 0.
+    pub fn add_sonar(&mut self, faults: SonarFaults) {
+        let noise = Noise::new(self.seed, 3 + self.sonars.len() as u64);
+        self.sonars.push(SonarUnit::new(faults, noise));
+    }
+
+    /// What further rings have sent since the last call, each with its number.
+    pub fn sonar_rounds(&mut self) -> Vec<(usize, Telemetry)> {
+        std::mem::take(&mut self.rounds)
     }
 
     /// The world as loaded.
@@ -138,7 +144,7 @@ impl Simulation {
     pub fn command(&mut self, command: Command) {
         if matches!(command, Command::WheelVelocities(speeds) if speeds.left_rad_s != 0.0 || speeds.right_rad_s != 0.0)
         {
-            self.left_power.driven_us.get_or_insert(self.now_us);
+            self.driven_us.get_or_insert(self.now_us);
         }
         self.board.command(command, self.now_us);
     }
@@ -191,7 +197,7 @@ impl Simulation {
     fn tick(&mut self, sent: &mut Vec<Telemetry>) {
         let dt = TICK.as_secs_f64();
         let mut drives = self.board.drives(self.now_us, dt);
-        if self.left_power.is_off(self.now_us) {
+        if self.left_power_off().is_some() {
             drives.left = Drive::Neutral;
         }
         self.robot.step(drives, &self.scene, dt);
@@ -217,8 +223,19 @@ impl Simulation {
             }
             sent.push(Telemetry::Ultrasonic(Ultrasonic { time_us, ranges_mm }));
         }
+        if due.ultrasonic {
+            self.send_sonars(time_us);
+        }
         if due.status {
             sent.push(Telemetry::Status(self.board.status(&self.robot, self.now_us)));
+        }
+    }
+
+    fn send_sonars(&mut self, time_us: u32) {
+        let driven = self.driven_us.map(|driven_us| Duration::from_micros(self.now_us - driven_us));
+        for (number, sonar) in self.sonars.iter_mut().enumerate() {
+            let round = sonar.round(&self.scene, self.robot.pose(), time_us, driven);
+            self.rounds.extend(round.map(|round| (number, Telemetry::Ultrasonic(round))));
         }
     }
 }

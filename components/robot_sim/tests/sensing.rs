@@ -3,12 +3,12 @@
 use std::f64::consts::PI;
 use std::time::Duration;
 
-use board_protocol::Telemetry;
+use board_protocol::{Command, Telemetry, WheelVelocities};
 use robot_sim::camera::{Frame, HEIGHT, WIDTH, focal_pixels};
 use robot_sim::geometry::{Point, Pose};
 use robot_sim::scene::Scene;
 use robot_sim::world::WorldError;
-use robot_sim::{Simulation, World, sonar};
+use robot_sim::{Simulation, SonarFaults, World, sonar};
 
 /// A room from (0, 0) to (6, 4) with a round thing at (3, 2) and a square one, turned by 45 degrees, at (1, 3).
 const ROOM: &str = r#"{ "name": "room", "walls": [[[0,0],[6,0],[6,4],[0,4],[0,0]]], "wall_height": 1.0,
@@ -141,4 +141,34 @@ fn a_bad_world_says_what_is_wrong() {
     assert!(inside.to_string().contains("starts 0.75 m inside"), "{inside}");
     assert!(complaint(r#""radius": 0.5"#, r#""radius": 0"#).to_string().contains("obstacle 0"));
     assert!(matches!(complaint("wall_height", "wallheight"), WorldError::Syntax(_)));
+}
+
+#[test]
+fn further_rings_hear_the_same_until_one_falls_silent_and_one_drifts() {
+    let mut robot = Simulation::new(room(), 7);
+    let after = |seconds| Some(Duration::from_secs(seconds));
+    robot.add_sonar(SonarFaults::default());
+    robot.add_sonar(SonarFaults { silent_after: after(1), ..SonarFaults::default() });
+    robot.add_sonar(SonarFaults { drifts_after: after(2), ..SonarFaults::default() });
+    let first_sensor = |robot: &mut Simulation, seconds| {
+        robot.advance(Duration::from_secs(seconds));
+        let mut heard: [Vec<u16>; 3] = Default::default();
+        for (ring, round) in robot.sonar_rounds() {
+            let Telemetry::Ultrasonic(round) = round else { panic!("a ring says nothing else") };
+            heard[ring].extend(Some(round.ranges_mm[0]).filter(|mm| *mm < 3000));
+        }
+        heard
+    };
+    // Nothing goes wrong before it is to drive.
+    let near = |mm: &u16| mm.abs_diff(1300) < 60;
+    let heard = first_sensor(&mut robot, 5);
+    assert!(heard.iter().all(|ring| ring.len() > 90 && ring.iter().all(near)), "{heard:?}");
+    assert!(heard[0] != heard[1] && heard[1] != heard[2], "each has its own noise");
+    // It is told to, and stands all the same: the board stops it for want of further commands.
+    robot.command(Command::WheelVelocities(WheelVelocities { left_rad_s: 0.001, right_rad_s: 0.001 }));
+    let [well, silent, drifting] = first_sensor(&mut robot, 4);
+    assert!(well.iter().all(near) && well.len() > 70, "{well:?}");
+    assert!((15..=20).contains(&silent.len()), "{silent:?}");
+    assert!(drifting.iter().take(30).all(near), "{drifting:?}");
+    assert!(drifting.last().is_some_and(|mm| mm.abs_diff(900) < 60), "0.2 m/s for 2 s: {drifting:?}");
 }

@@ -1,5 +1,6 @@
 //! Plays a simulation in real time: the loop of the `robot-sim` program.
 
+use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -51,6 +52,8 @@ pub struct Player {
     pty: Pty,
     camera: Option<CameraSocket>,
     recorder: Option<Recorder>,
+    /// Lines of further ultrasonic rings, in their order.
+    sonars: Vec<(Pty, Encoder)>,
     encoder: Encoder,
     decoder: Decoder<Command>,
     recorded: Duration,
@@ -68,12 +71,20 @@ impl Player {
             pty,
             camera,
             recorder,
+            sonars: Vec::new(),
             encoder: Encoder::new(),
             decoder: Decoder::new(),
             recorded: Duration::ZERO,
             power_off_recorded: false,
             way: (start, 0.0),
         }
+    }
+
+    /// Gives the simulation's further ultrasonic rings their lines, in their order.
+    #[must_use]
+    pub fn with_sonars(mut self, lines: Vec<Pty>) -> Self {
+        self.sonars = lines.into_iter().map(|line| (line, Encoder::new())).collect();
+        self
     }
 
     /// The device that the driver's link leads to.
@@ -123,8 +134,23 @@ impl Player {
         for telemetry in simulation.advance(time) {
             self.pty.write(&self.encoder.encode(&telemetry)).map_err(broken)?;
         }
+        self.sound().map_err(broken)?;
         self.look();
         self.note()
+    }
+
+    /// Further rings speak. They have no wheels: what a driver tells them is read and forgotten.
+    fn sound(&mut self) -> io::Result<()> {
+        let mut buffer = [0; 4096];
+        for (line, _) in &self.sonars {
+            line.read(&mut buffer)?;
+        }
+        for (number, round) in self.simulation.sonar_rounds() {
+            if let Some((line, encoder)) = self.sonars.get_mut(number) {
+                line.write(&encoder.encode(&round))?;
+            }
+        }
+        Ok(())
     }
 
     fn look(&mut self) {

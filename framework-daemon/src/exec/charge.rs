@@ -25,7 +25,10 @@ impl Member {
             }
             match self.state() {
                 State::Active => self.handle(&fault, crew),
-                _ => self.note(&fault, crew),
+                _ => {
+                    self.slot.charges.leave();
+                    self.note(&fault, crew);
+                }
             }
         }
     }

@@ -26,6 +26,7 @@ impl Member {
             self.slot.devices.settle();
         }
         if news == News::Known {
+            self.slot.charges.leave();
             return;
         }
         if self.state() == State::Active {

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, SendError, Sender};
 
+use super::follow::Chain;
 use super::kept::Kept;
 use super::member::{Crew, Member};
 use super::strand::Job;
@@ -17,6 +18,7 @@ use crate::model::fault::FaultSender;
 use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
 use crate::model::time::nanoseconds;
+use crate::port::charge::Charges;
 use crate::profile::plan::Trigger;
 use crate::sys::bell::{Bell, Ring};
 use crate::sys::foreign::Report;
@@ -32,6 +34,7 @@ enum Command {
     HandOver(usize, Sender<Option<Box<Kept>>>),
     Inherit(usize, Box<Kept>, Sender<Result<(), String>>),
     Blame(usize, Box<Report>),
+    Follow(Vec<(usize, Box<[Arc<Charges>]>)>),
     Quit,
 }
 
@@ -201,6 +204,13 @@ impl Executor {
         self.bell.wake();
     }
 
+    /// Tells members who may be the root of their faults, nearest first.
+    pub fn follow(&self, chains: Vec<(usize, Box<[Arc<Charges>]>)>) {
+        // As above.
+        let _ = self.commands.send(Command::Follow(chains));
+        self.bell.wake();
+    }
+
     fn ask<T>(&self, limit: Duration, command: impl FnOnce(Sender<T>) -> Command) -> Result<T, Stuck> {
         // Once it did not answer, nobody waits for it again: a shutdown would take a time-out for each of its slots.
         let limit = if self.stuck.load(Ordering::Relaxed) { Duration::from_millis(1) } else { limit };
@@ -307,6 +317,7 @@ impl Run {
                 _ = reply.send(inherited);
             }
             Command::Blame(number, report) => _ = self.with(number, |member, crew| member.blame(&report, crew)),
+            Command::Follow(chains) => chains.into_iter().for_each(|(number, upstream)| self.follow(number, upstream)),
             // Plugins' thread-local destructors run when a thread ends; after a trap they might meet half-changed state.
             Command::Quit if self.crew.lost => self.retire(),
             Command::Quit => return false,
@@ -379,6 +390,9 @@ impl Run {
 
     fn cycle(&mut self) {
         let now = clock::now_ns();
+        if self.crew.look_again_ns <= now {
+            self.look_again(now);
+        }
         self.go_on_recovering(now);
         self.end_waits(now);
         self.tick(now);
@@ -395,6 +409,25 @@ impl Run {
             if let Some(member) = &mut self.members[number] {
                 member.update(&mut self.crew);
             }
+        }
+    }
+
+    fn follow(&mut self, number: usize, upstream: Box<[Arc<Charges>]>) {
+        let Some(Some(member)) = self.members.get_mut(number) else { return };
+        match &mut member.chain {
+            Some(chain) => chain.change(upstream),
+            None => member.chain = (!upstream.is_empty()).then(|| Box::new(Chain::new(upstream))),
+        }
+    }
+
+    /// Consequences whose root had time to be answered.
+    fn look_again(&mut self, now_ns: u64) {
+        self.crew.look_again_ns = u64::MAX;
+        for member in self.members.iter_mut().flatten() {
+            member.look_again(now_ns, &mut self.crew);
+            let next_ns = member.chain.as_ref().and_then(|chain| chain.until_ns());
+            let next_ns = next_ns.map_or(u64::MAX, |until_ns| until_ns.saturating_add(1));
+            self.crew.look_again_ns = self.crew.look_again_ns.min(next_ns);
         }
     }
 
@@ -536,6 +569,14 @@ impl Run {
         let ticks = self.active_timed().filter_map(Member::next_tick_ns);
         let watchful = self.watchful.iter().filter_map(|number| self.members[*number].as_deref());
         let looks = watchful.filter_map(Member::next_look_ns);
-        periodic.map(|member| member.next_due_ns).chain(breaths).chain(waits).chain(ticks).chain(looks).min()
+        let again = Some(self.crew.look_again_ns).filter(|look_again_ns| *look_again_ns != u64::MAX);
+        periodic
+            .map(|member| member.next_due_ns)
+            .chain(breaths)
+            .chain(waits)
+            .chain(ticks)
+            .chain(looks)
+            .chain(again)
+            .min()
     }
 }

@@ -7,6 +7,7 @@ use component_sdk::abi::class::Hook;
 
 use super::callback::{self, Call, Fibers};
 use super::checkpoint::Checkpoint;
+use super::follow::Chain;
 use super::recover::Breath;
 use super::service;
 use super::silence::Watched;
@@ -37,13 +38,22 @@ pub struct Crew {
     /// a callback, so that the end of one is the beginning of the next.
     pub ended_ns: u64,
     ended_exactly: bool,
+    /// When to look whether a consequence is still there; `u64::MAX`: none waits.
+    pub(super) look_again_ns: u64,
 }
 
 impl Crew {
     /// Of the executor whose thread calls it.
     #[must_use]
     pub fn new(faults: FaultSender) -> Self {
-        Self { fibers: Fibers::default(), faults, lost: false, ended_ns: 0, ended_exactly: false }
+        Self {
+            fibers: Fibers::default(),
+            faults,
+            lost: false,
+            ended_ns: 0,
+            ended_exactly: false,
+            look_again_ns: u64::MAX,
+        }
     }
 
     /// When a callback that follows the last one at once begins: to the nanosecond, or to a tick.
@@ -116,6 +126,8 @@ pub struct Member {
     pub breath: Option<Box<Breath>>,
     /// How far a fault-stop reaches.
     pub coverage: Coverage,
+    /// Who may be the root of its faults; `None`: nobody.
+    pub chain: Option<Box<Chain>>,
 }
 
 /// Idle fibers kept for a member's size of stack: one runs, one is there when the first is lost.
@@ -194,7 +206,8 @@ impl Member {
                 self.furnish_checkpoint();
                 self.answer_side_report(crew);
             }
-            Err(fault) => self.handle(&fault, crew),
+            // Without a start it does not work: that waits for nobody.
+            Err(fault) => self.handle_now(&fault, crew),
         }
         if self.state() == State::Active {
             self.begin();
@@ -231,6 +244,7 @@ impl Member {
         self.slot.outputs.iter().for_each(|port| port.forget_episodes());
         self.lost_devices.begin_anew();
         self.begin_to_watch();
+        self.chain.iter_mut().for_each(|chain| chain.forget());
         let _ = self.signal.take();
         if self.trigger == Trigger::Nonperiodic && self.slot.inputs.iter().any(|port| port.has_data()) {
             self.signal.ring(Ring::Data);

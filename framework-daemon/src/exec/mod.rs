@@ -37,6 +37,9 @@ mod device;
 /// What a slot that is built anew goes on from.
 mod inherit;
 
+/// A consequence waits for what is done about its root.
+pub mod follow;
+
 /// Silence at a slot's inputs.
 pub mod silence;
 

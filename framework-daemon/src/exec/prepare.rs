@@ -175,6 +175,7 @@ impl Crew {
             successor: Some(slot.status.class()),
             outcome: Outcome::Ignored,
             checkpoint_ns: None,
+            cause: None,
             times: Times { detected_ns: fault.detected_ns.saturating_sub(fault.at_ns), ..Times::default() },
             fault,
         };

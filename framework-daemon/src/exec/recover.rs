@@ -16,6 +16,7 @@ use super::service;
 use super::slot::Status;
 use super::strand::{Job, Pause};
 use super::unit::Unit;
+use crate::model::chain;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Outcome, Stage, Times};
 use crate::model::ladder::Answer;
 use crate::model::lifecycle::{Event, State};
@@ -68,6 +69,8 @@ struct Record {
     times: Times,
     /// Age of the checkpoint that the successor went on from.
     checkpoint_ns: Option<u64>,
+    /// Slot whose fault it is left to.
+    cause: Option<&'static str>,
 }
 
 /// A recovery that failed more than once: the next try waits, and the executor runs its other slots meanwhile.
@@ -94,7 +97,7 @@ impl Record {
     fn begin(fault: &Fault) -> Self {
         let decided_at_ns = clock::now_ns();
         let decided_ns = decided_at_ns.saturating_sub(fault.at_ns);
-        Self { decided_at_ns, times: Times { decided_ns, ..Times::default() }, checkpoint_ns: None }
+        Self { decided_at_ns, times: Times { decided_ns, ..Times::default() }, ..Self::default() }
     }
 }
 
@@ -110,7 +113,18 @@ impl Member {
     /// Answers a fault of this slot.
     pub fn handle(&mut self, fault: &Fault, crew: &mut Crew) {
         if fault.stage != Stage::Confirmed {
+            self.note_end(fault);
             return self.note(fault, crew);
+        }
+        if !chain::may_follow(fault.symptom) || !self.leaves(fault, crew) {
+            self.handle_now(fault, crew);
+        }
+    }
+
+    /// Answers a fault that waits for nobody else's.
+    pub(super) fn handle_now(&mut self, fault: &Fault, crew: &mut Crew) {
+        if !chain::may_follow(fault.symptom) {
+            self.slot.charges.take_up(fault.symptom, fault.at_ns);
         }
         self.answer(fault, crew);
         // That took its time.
@@ -156,7 +170,7 @@ impl Member {
             let step = match climb.answer {
                 Answer::Reset => self.reset(fault, &mut climb, crew),
                 Answer::Replace => self.replace(fault, &mut climb, crew),
-                Answer::Stop | Answer::Emergency | Answer::Ignore | Answer::Prepare => {
+                Answer::Stop | Answer::Emergency | Answer::Ignore | Answer::Await | Answer::Prepare => {
                     self.fault_stop(climb.cause(fault), crew)
                 }
             };
@@ -489,6 +503,13 @@ impl Member {
         self.tell_manager(fault, class, Answer::Ignore, Outcome::Ignored, Record::default(), crew);
     }
 
+    /// A fault that is left to that slot's, its root.
+    pub(super) fn note_consequence(&mut self, fault: &Fault, cause: &'static str, crew: &Crew) {
+        Status::count(&self.slot.status.faults);
+        let (class, record) = (self.slot.status.class(), Record { cause: Some(cause), ..Record::begin(fault) });
+        self.tell_manager(fault, class, Answer::Await, Outcome::Consequence, record, crew);
+    }
+
     fn tell_manager(
         &self,
         fault: &Fault,
@@ -509,6 +530,7 @@ impl Member {
             successor: (outcome != Outcome::Stopped).then(|| self.slot.status.class()),
             outcome,
             checkpoint_ns: record.checkpoint_ns,
+            cause: record.cause,
             times: record.times,
         };
         send(&crew.faults, event);

@@ -367,6 +367,7 @@ impl Worker {
             successor: Some(shelf.slot.status.class()),
             outcome: Outcome::Failed,
             checkpoint_ns: None,
+            cause: None,
             times: Times { detected_ns: fault.detected_ns.saturating_sub(fault.at_ns), ..Times::default() },
             fault,
         };

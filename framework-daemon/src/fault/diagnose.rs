@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use super::graph::{Graph, Need, Number};
-use crate::model::limits::{CHAIN_STEPS, CONSEQUENCE_WINDOW, RECENT_FAULTS};
+use crate::model::limits::{CONSEQUENCE_WINDOW, RECENT_FAULTS};
 use crate::model::time::nanoseconds;
 use crate::profile::plan::Coverage;
 
@@ -150,22 +150,15 @@ impl Recent {
             return None;
         }
         // Nearest first: of two earlier faults the one that lies closer on the chain is the cause.
-        let (mut seen, mut edge) = (vec![slot], vec![slot]);
-        for _ in 0..CHAIN_STEPS {
-            let mut next: Vec<Number> = Vec::new();
-            for number in edge.iter().flat_map(|number| graph.upstream(*number)) {
-                if !seen.contains(number) {
-                    seen.push(*number);
-                    next.push(*number);
-                }
-            }
-            let found = near.iter().rev().find(|past| next.contains(&past.slot));
-            if found.is_some() || next.is_empty() {
-                return found.map(|past| past.root);
-            }
-            edge = next;
-        }
-        None
+        let mut steps = graph.upstream(slot);
+        steps.find_map(|step| near.iter().rev().find(|past| step.contains(&past.slot)).map(|past| past.root))
+    }
+
+    /// The root of the fault that a slot had at about that time; `None`: nothing is known of one yet.
+    #[must_use]
+    pub fn root_at(&self, slot: Number, at_ns: u64) -> Option<u64> {
+        let is_it = |past: &&Past| past.slot == slot && past.at_ns.abs_diff(at_ns) <= nanoseconds(CONSEQUENCE_WINDOW);
+        self.0.iter().rev().find(is_it).map(|past| past.root)
     }
 
     /// Remembers a fault; `root` is the fault that it is a consequence of, or its own sequence number.

@@ -6,6 +6,7 @@
 
 use std::collections::HashMap;
 
+use crate::model::limits::{CHAIN_SLOTS, CHAIN_STEPS};
 use crate::profile::plan::{Coverage, Plan, PortKind};
 
 /// A node of the graph, by number. Slots come first, in the plan's order.
@@ -111,10 +112,28 @@ impl Graph {
         &self.dependents[number]
     }
 
-    /// Those whose faults may show in a node.
+    /// Those whose faults may show in a node, by how many steps they are away: first those at one step, and so on, as far as
+    /// [`CHAIN_STEPS`].
+    pub fn upstream(&self, number: Number) -> impl Iterator<Item = Vec<Number>> {
+        let (mut seen, mut edge) = (vec![false; self.nodes.len()], vec![number]);
+        seen[number] = true;
+        let step = move || {
+            let mut next = Vec::new();
+            for number in edge.iter().flat_map(|number| &self.upstream[*number]) {
+                if !std::mem::replace(&mut seen[*number], true) {
+                    next.push(*number);
+                }
+            }
+            edge.clone_from(&next);
+            (!next.is_empty()).then_some(next)
+        };
+        std::iter::from_fn(step).take(CHAIN_STEPS)
+    }
+
+    /// The slots whose faults may show in one, nearest first, at most [`CHAIN_SLOTS`].
     #[must_use]
-    pub fn upstream(&self, number: Number) -> &[Number] {
-        &self.upstream[number]
+    pub fn chain(&self, slot: Number) -> Vec<Number> {
+        self.upstream(slot).flatten().filter(|number| self.is_slot(*number)).take(CHAIN_SLOTS).collect()
     }
 }
 

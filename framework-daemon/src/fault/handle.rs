@@ -95,6 +95,17 @@ impl Cast {
         None
     }
 
+    /// Tells executors whose faults those of their slots may be consequences of.
+    fn tell_chains(&self) {
+        let mut chains: Vec<Vec<_>> = self.executors.iter().map(|_| Vec::new()).collect();
+        for (number, hand) in self.hands.iter().enumerate() {
+            let upstream =
+                self.graph.chain(number).into_iter().map(|other| Arc::clone(&self.hands[other].slot.charges));
+            chains[self.graph.nodes()[number].executor].push((hand.member, upstream.collect()));
+        }
+        self.executors.iter().zip(chains).for_each(|(executor, chains)| executor.follow(chains));
+    }
+
     fn look(&self, own: &[Own]) -> Vec<Verdict> {
         diagnose(&self.graph, own, emergency::latched().then_some(None))
     }
@@ -152,6 +163,7 @@ impl Handler {
         let running = cast.hands.iter().map(|hand| hand.slot.status.state() == State::Active).collect();
         self.situation = Situation::new(own, running);
         self.recent.forget();
+        cast.tell_chains();
         self.cast = Some(cast);
         self.settle()
     }
@@ -168,7 +180,16 @@ impl Handler {
     #[must_use]
     pub fn root_of(&self, event: &FaultEvent) -> Option<u64> {
         let cast = self.cast.as_ref().filter(|_| event.fault.stage == Stage::Confirmed)?;
+        if let Some(cause) = event.cause {
+            return self.recent.root_at(cast.graph.slot(cause)?, event.fault.at_ns);
+        }
         self.recent.root_of(&cast.graph, cast.graph.slot(event.slot)?, event.fault.at_ns)
+    }
+
+    /// True where a fault is left to another one that has not been told of yet: the recovery of that slot comes first.
+    #[must_use]
+    pub fn waits_for_root(&self, event: &FaultEvent) -> bool {
+        event.cause.is_some() && self.cast.is_some() && self.root_of(event).is_none()
     }
 
     /// Takes note of a fault that was journaled under that sequence number; returns lines about what follows.

@@ -116,6 +116,9 @@ fn describe(event: &FaultEvent, origin: &Origin, consequence_of: Option<u64>) ->
         severity: crate::model::symptom::Severity,
         #[serde(skip_serializing_if = "Option::is_none")]
         consequence_of: Option<u64>,
+        /// Whose answer it is left to.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        left_to: Option<&'a str>,
     }
     #[derive(Serialize)]
     struct Found<'a> {
@@ -132,7 +135,7 @@ fn describe(event: &FaultEvent, origin: &Origin, consequence_of: Option<u64>) ->
     line.insert("thread_lost".into(), event.fault.thread_lost.into());
     line.insert("memory".into(), to_value(&event.fault.memory)?);
     line.insert("evidence".into(), to_value(&Found { evidence: &event.fault.evidence, origin })?);
-    let diagnosis = Diagnosis { faulty: event.slot, severity: event.severity, consequence_of };
+    let diagnosis = Diagnosis { faulty: event.slot, severity: event.severity, consequence_of, left_to: event.cause };
     line.insert("diagnosis".into(), to_value(&diagnosis)?);
     if event.fault.stage != Stage::Confirmed {
         line.insert("outcome".into(), event.fault.stage.kind().into());

@@ -76,6 +76,7 @@ mod tests {
             successor: None,
             outcome: Outcome::Recovered,
             checkpoint_ns: None,
+            cause: None,
             times: Times::default(),
         }
     }

@@ -2,6 +2,7 @@
 //! waits for it, so it is no real-time thread: a flood of faults must not take a processor from those who work. Those who depend on
 //! a faulty one wait for it to be stopped, so it goes before all others that are none.
 
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -20,10 +21,11 @@ use crate::exec::emergency::{self, Notice};
 use crate::exec::recover::lost_events;
 use crate::exec::slot::Slot;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Memory, Outcome, RestartRequest, Stage};
-use crate::model::limits::{EMERGENCY_NOTICES, FAULT_EVENTS};
+use crate::model::limits::{CONSEQUENCE_LINES, CONSEQUENCE_WINDOW, EMERGENCY_NOTICES, FAULT_EVENTS};
 use crate::model::symptom::Symptom;
+use crate::model::time::nanoseconds;
 use crate::plugin::symbols::{Origin, Symbols};
-use crate::sys::{foreign, thread, trap};
+use crate::sys::{clock, foreign, thread, trap};
 
 /// The journal, shared with those who note starts, reloads and stops.
 pub type SharedJournal = Arc<Mutex<Journal>>;
@@ -103,11 +105,17 @@ pub fn start(journal: SharedJournal) -> std::io::Result<(Manager, FaultSender)> 
     // One request is enough: the main loop ends at the first.
     let (asks, restarts) = bounded(1);
     let shared = Arc::new(Shared::default());
-    let (symbols, handler) = (Symbols::default(), Handler::default());
-    let (slots, notices_kept) = (Vec::new(), Vec::new());
-    let shared_too = Arc::clone(&shared);
-    let desk =
-        Desk { journal, asks, shared: shared_too, symbols, handler, slots, notices: notices_kept, lost: lost_events() };
+    let desk = Desk {
+        journal,
+        asks,
+        shared: Arc::clone(&shared),
+        symbols: Symbols::default(),
+        handler: Handler::default(),
+        slots: Vec::new(),
+        notices: Vec::new(),
+        consequences: VecDeque::new(),
+        lost: lost_events(),
+    };
     let thread = thread::spawn("fault-manager", move || {
         thread::hurry();
         desk.serve(&inbox, &notices, &wished);
@@ -168,6 +176,15 @@ impl Manager {
     }
 }
 
+/// How long the loop waits where nothing is to be done.
+const IDLE: Duration = Duration::from_secs(3600);
+
+/// How long a consequence still waits to be written down behind its root.
+fn patience_with(event: &FaultEvent) -> Duration {
+    let until_ns = event.fault.detected_ns.saturating_add(nanoseconds(CONSEQUENCE_WINDOW));
+    Duration::from_nanos(until_ns.saturating_sub(clock::now_ns()))
+}
+
 /// The thread's side.
 struct Desk {
     journal: SharedJournal,
@@ -178,6 +195,8 @@ struct Desk {
     /// What runs, as far as it is handled.
     slots: Vec<Arc<Slot>>,
     notices: Vec<Notice>,
+    /// Consequences whose root is not written down yet.
+    consequences: VecDeque<FaultEvent>,
     lost: u64,
 }
 
@@ -188,7 +207,7 @@ impl Desk {
         loop {
             select! {
                 recv(inbox) -> event => match event {
-                    Ok(event) => self.take(&event),
+                    Ok(event) => self.receive(event),
                     Err(_) => break,
                 },
                 recv(ports::shared().rung()) -> _ => self.hear(),
@@ -201,7 +220,36 @@ impl Desk {
                     Ok(wish) => self.grant(wish),
                     Err(_) => wishes = crossbeam_channel::never(),
                 },
+                default(self.patience()) => self.take_consequences(),
             }
+        }
+        while let Some(event) = self.consequences.pop_front() {
+            self.take(&event);
+        }
+    }
+
+    /// Until when consequences wait to be written down behind their root.
+    fn patience(&self) -> Duration {
+        self.consequences.front().map_or(IDLE, patience_with)
+    }
+
+    /// What is the consequence of a fault that is being answered is written down behind it.
+    fn receive(&mut self, event: FaultEvent) {
+        if self.handler.waits_for_root(&event) && self.consequences.len() < CONSEQUENCE_LINES {
+            self.consequences.push_back(event);
+            return;
+        }
+        self.take(&event);
+        self.take_consequences();
+    }
+
+    fn take_consequences(&mut self) {
+        while let Some(event) = self.consequences.pop_front() {
+            if !patience_with(&event).is_zero() && self.handler.waits_for_root(&event) {
+                self.consequences.push_front(event);
+                return;
+            }
+            self.take(&event);
         }
     }
 
@@ -338,6 +386,12 @@ fn tell(event: &FaultEvent, origin: &Origin) {
         }
         Outcome::Stopped => tracing::error!("slot {slot} ({class}): {symptom}: {message}; the slot is stopped"),
         Outcome::Failed => tracing::error!("slot {slot} ({class}): {symptom}: {message}; its {} failed", action(event)),
+        Outcome::Consequence => {
+            let cause = event.cause.unwrap_or_default();
+            tracing::warn!(
+                "slot {slot} ({class}): {symptom}: {message}; a consequence of what {cause} has, left to that"
+            );
+        }
         Outcome::Ignored => tracing::info!("slot {slot} ({class}): {symptom}: {message}; ignored, as its rules say"),
     }
 }

@@ -18,7 +18,7 @@ use crate::exec::task::Tasks;
 use crate::model::fault::{Evidence, Fault, FaultEvent, Outcome, ShortText};
 use crate::model::limits::FAULT_REPORTS;
 use crate::model::names::FAULT_MANAGER;
-use crate::model::symptom::Symptom;
+use crate::model::symptom::{SeverityTable, Symptom};
 use crate::port::charge::Charges;
 use crate::port::check::Checks;
 use crate::port::devices::Devices;
@@ -86,7 +86,7 @@ impl Default for Ports {
 /// A slot that nothing runs in.
 fn slot(events: EventEnds, waiter: Arc<Waiter>) -> Slot {
     let signal = Signal::new(Bell::new());
-    let charges = Arc::new(Charges::new(Arc::clone(&signal)));
+    let charges = Arc::new(Charges::new(FAULT_MANAGER, Arc::clone(&signal), &SeverityTable::default()));
     Slot {
         name: FAULT_MANAGER,
         inputs: Vec::new(),
@@ -161,6 +161,7 @@ const fn outcome(outcome: Outcome) -> &'static str {
         Outcome::Stopped => "stopped",
         Outcome::Ignored => "ignored",
         Outcome::Failed => "failed",
+        Outcome::Consequence => "consequence",
     }
 }
 

@@ -63,7 +63,7 @@ impl Situation {
             Outcome::Stopped => self.find(slot, Own::Faulty(root), false),
             // Its stop was taken note of before, or lost on the way.
             Outcome::Recovered if matches!(self.own[slot], Own::Faulty(_)) => self.find(slot, Own::Wanted, true),
-            Outcome::Recovered | Outcome::Ignored | Outcome::Failed => return false,
+            Outcome::Recovered | Outcome::Ignored | Outcome::Failed | Outcome::Consequence => return false,
         }
         true
     }

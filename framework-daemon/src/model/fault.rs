@@ -294,6 +294,8 @@ pub enum Outcome {
     Ignored,
     /// It was the fault of a recovery itself; the ladder went on.
     Failed,
+    /// It is left to the answer to its root.
+    Consequence,
 }
 
 /// Times of the steps, nanoseconds after the fault.
@@ -330,6 +332,8 @@ pub struct FaultEvent {
     pub outcome: Outcome,
     /// Age in nanoseconds of the checkpoint that the successor went on from.
     pub checkpoint_ns: Option<u64>,
+    /// Slot whose fault it is left to; `None`: it was answered itself.
+    pub cause: Option<&'static str>,
     /// When.
     pub times: Times,
 }

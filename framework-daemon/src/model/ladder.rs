@@ -26,6 +26,8 @@ pub enum Answer {
     Stop,
     /// The robot is brought to its safe state, and the slot stops.
     Emergency,
+    /// Nothing yet: it is a consequence, and what is done about its root may be enough.
+    Await,
     /// A spare was to be prepared; the slot itself was not touched.
     Prepare,
 }
@@ -170,7 +172,7 @@ mod tests {
                     }
                     Answer::Replace => { replaced += 1; resets.clear(); }
                     Answer::Stop => break,
-                    Answer::Ignore | Answer::Emergency | Answer::Prepare => prop_assert!(false),
+                    Answer::Ignore | Answer::Emergency | Answer::Await | Answer::Prepare => prop_assert!(false),
                 }
             }
             prop_assert!(replaced <= secondaries);

@@ -154,6 +154,12 @@ pub const ACTUATORS: usize = 64;
 pub const CONSEQUENCE_WINDOW: Duration = Duration::from_millis(500);
 /// Longest chain that a consequence is looked for along, in connections and dependencies.
 pub const CHAIN_STEPS: usize = 16;
+/// Slots of such a chain that can be the root of a fault of its last one: the nearest.
+pub const CHAIN_SLOTS: usize = 256;
+/// Consequences of a slot that wait until their root is answered; more are answered at once.
+pub const CONSEQUENCES: usize = 4;
+/// Consequences that wait to be written down until their root is.
+pub const CONSEQUENCE_LINES: usize = 64;
 /// Faults of late among which the root of a consequence is looked for.
 pub const RECENT_FAULTS: usize = 64;
 /// Longest time that the fault manager waits for an executor that is to stop or start slots.

@@ -1,5 +1,8 @@
 //! Plain data that every other module may use. This module knows nobody.
 
+/// One root for a chain of symptoms; pure.
+pub mod chain;
+
 /// A fault: symptom, blamed slot, time and evidence, and what was done about it.
 pub mod fault;
 

@@ -49,6 +49,8 @@ pub(super) struct Candidate<'a> {
     pub(super) sample: &'a dyn Fn() -> Option<Sample>,
     /// Charges its writer; false: that was lost.
     pub(super) charge: &'a dyn Fn(&Fault) -> bool,
+    /// Says at once of which fault its writer will hear when its callback returns: what comes of it may be quicker.
+    pub(super) suspect: &'a dyn Fn(Symptom, u64),
 }
 
 /// What the reader gets.
@@ -152,7 +154,11 @@ impl Checks {
     #[must_use]
     pub fn judge_block(&self, port: &str, sample: &Sample, now_ns: u64) -> Verdict {
         let (share, charge) = (|| Some(Arc::clone(sample)), |_: &Fault| true);
-        self.judge(port, &Candidate { value: sample.value(), sample: &share, charge: &charge }, now_ns)
+        self.judge(
+            port,
+            &Candidate { value: sample.value(), sample: &share, charge: &charge, suspect: &|_, _| {} },
+            now_ns,
+        )
     }
 
     /// Judges one value: dropping it weighs more than holding an earlier one, and that more than passing it.
@@ -239,7 +245,10 @@ fn note(
     rule.note(found.is_some(), now_ns, restless, |stage| {
         let evidence = evidence(rule, port, found);
         match stage {
-            Stage::Confirmed => report(rule.symptom(), evidence),
+            Stage::Confirmed => {
+                (candidate.suspect)(rule.symptom(), now_ns);
+                report(rule.symptom(), evidence)
+            }
             stage => (candidate.charge)(&Fault { stage, ..Fault::told(rule.symptom(), now_ns, evidence) }),
         }
     });
@@ -305,7 +314,8 @@ mod tests {
         };
         let judge = |(now_ns, value): &(u64, f64)| {
             let sample = sample(*value);
-            let candidate = Candidate { value: sample.value(), sample: &|| Some(Arc::clone(&sample)), charge: &tell };
+            let share = || Some(Arc::clone(&sample));
+            let candidate = Candidate { value: sample.value(), sample: &share, charge: &tell, suspect: &|_, _| {} };
             let passed = !matches!(checks.judge("p", &candidate, *now_ns), Verdict::Withhold);
             let found = take_report().map(|report| (report.symptom, Stage::Confirmed));
             (passed, found.or(told.take()))

@@ -119,11 +119,12 @@ extern "C" fn found(device: RStr<'_>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::symptom::SeverityTable;
     use crate::sys::bell::{Bell, Signal};
 
     #[test]
     fn found_is_news_only_while_something_is_lost() {
-        let charges = Arc::new(Charges::new(Signal::new(Bell::new())));
+        let charges = Arc::new(Charges::new("", Signal::new(Bell::new()), &SeverityTable::default()));
         let devices = Arc::new(Devices::new(Arc::clone(&charges)));
         assert!(announce([("rover", Arc::clone(&devices))].into_iter()).is_ok());
         seat::adopt(Owner { slot: "rover", instance: 4 });

@@ -417,7 +417,8 @@ impl OutPort {
         // It holds an object from now on.
         let Some(()) = share().map(|sample| sample.fill(now_ns)) else { return Sent::Closed };
         let charge = |fault: &Fault| self.charge(fault);
-        let own = Candidate { value, sample: &share, charge: &charge };
+        let suspect = |symptom, at_ns| self.charges.get().into_iter().for_each(|slot| slot.suspect(symptom, at_ns));
+        let own = Candidate { value, sample: &share, charge: &charge, suspect: &suspect };
         let sent = match table.links.is_empty() && table.taps.is_none() {
             true => Sent::Unconnected,
             false => match self.checks.judge(&self.name, &own, now_ns) {

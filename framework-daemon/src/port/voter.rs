@@ -189,6 +189,7 @@ impl Voter {
             successor: None,
             outcome: Outcome::Ignored,
             checkpoint_ns: None,
+            cause: None,
             times: Times::default(),
         };
         if faults.try_send(event).is_err() {

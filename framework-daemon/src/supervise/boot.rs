@@ -168,7 +168,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
     let recipes: Vec<Recipe> = std::iter::once(primary(plan, class)).chain(secondaries).collect();
     let name = names::intern(&plan.name);
     let signal = Signal::new(Arc::clone(bell));
-    let charges = Arc::new(Charges::new(Arc::clone(&signal)));
+    let charges = Arc::new(Charges::new(name, Arc::clone(&signal), &plan.rules.severity));
     let slot = Arc::new(Slot {
         name,
         inputs: inputs.into_iter().map(Arc::new).collect(),
@@ -220,6 +220,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         lost_devices: LostDevices::default(),
         breath: None,
         coverage: plan.rules.coverage,
+        chain: None,
     }
 }
 

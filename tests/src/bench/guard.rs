@@ -11,6 +11,7 @@ use framework_daemon::exec::callback::{self, Call, Fibers};
 use framework_daemon::exec::slot::{Slot, Status};
 use framework_daemon::exec::task::Tasks;
 use framework_daemon::exec::unit::{Limits, Recipe, Source, Unit};
+use framework_daemon::model::symptom::SeverityTable;
 use framework_daemon::plugin::Plugin;
 use framework_daemon::port::border::HOST;
 use framework_daemon::port::charge::Charges;
@@ -81,7 +82,7 @@ pub(super) fn idle_unit(fibers: &mut Fibers) -> Box<Unit> {
     let limits = Limits { stack_bytes: STACK, budget_ns: None, hang_ns: 1_000_000_000 };
     let source = Source::Loaded(class);
     let recipe = Recipe { number: 0, class_name: "Diary", source, properties: Vec::new(), limits };
-    let charges = Arc::new(Charges::new(Signal::new(Bell::new())));
+    let charges = Arc::new(Charges::new("", Signal::new(Bell::new()), &SeverityTable::default()));
     let slot = Slot {
         name: "bench",
         inputs: Vec::new(),

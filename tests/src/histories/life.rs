@@ -5,6 +5,7 @@ use framework_daemon::fault::diagnose::{Own, Recent};
 use framework_daemon::fault::graph::Graph;
 use framework_daemon::fault::order::Verb;
 use framework_daemon::fault::situation::Situation;
+use framework_daemon::model::chain::{self, Mark};
 use framework_daemon::model::fault::Outcome;
 use framework_daemon::model::ladder::{Answer, Ladder};
 use framework_daemon::model::symptom::Symptom;
@@ -41,6 +42,12 @@ pub(super) struct Life {
     latched: Option<u64>,
     past: Vec<Past>,
     resets: Vec<Vec<u64>>,
+    /// As the executors have them: since when each slot is a root.
+    marks: Vec<Mark>,
+    /// As the naive model has it.
+    roots: Vec<Vec<u64>>,
+    /// What was left to a root, and may still be there.
+    left: Vec<(usize, Symptom)>,
     now_ns: u64,
     sequence: u64,
     events: Vec<Event>,
@@ -83,6 +90,9 @@ impl Life {
             latched: None,
             past: Vec::new(),
             resets: vec![Vec::new(); count],
+            marks: vec![Mark::NONE; count],
+            roots: vec![Vec::new(); count],
+            left: Vec::new(),
             now_ns: 1_000_000_000,
             sequence: 0,
             events: Vec::new(),
@@ -99,8 +109,14 @@ impl Life {
     fn step(&mut self) -> Result<(), String> {
         self.now_ns += self.dice.below(400_000_000) as u64;
         let slot = self.dice.below(self.own.len());
+        if self.dice.once_in(3)
+            && let Some((slot, symptom)) = self.left.pop().filter(|(slot, _)| self.running[*slot])
+        {
+            self.count("consequences that last");
+            return self.fault(slot, symptom);
+        }
         match self.dice.below(10) {
-            0..5 if self.running[slot] => self.fault(slot),
+            0..5 if self.running[slot] => self.fault(slot, SYMPTOMS[self.dice.below(SYMPTOMS.len())]),
             0..5 => Ok(()),
             5 if self.latched.is_some() => self.clear(),
             5 if self.running[slot] => self.lose(slot),
@@ -109,8 +125,11 @@ impl Life {
     }
 
     /// A slot that runs fails, and its executor answers by its rules; recoveries fail by lot.
-    fn fault(&mut self, slot: usize) -> Result<(), String> {
-        let symptom = SYMPTOMS[self.dice.below(SYMPTOMS.len())];
+    fn fault(&mut self, slot: usize, symptom: Symptom) -> Result<(), String> {
+        if self.is_left(slot, symptom)? {
+            self.left.push((slot, symptom));
+            return self.tell(slot, symptom, Outcome::Consequence);
+        }
         let mut answer = self.ladders[slot].answer(symptom, self.now_ns);
         if answer == Answer::Ignore && symptom.loses_instance() {
             answer = Answer::Stop;
@@ -121,7 +140,9 @@ impl Life {
         for _ in 0..self.drawn.slots[slot].secondaries + 2 {
             let outcome = match answer {
                 Answer::Ignore => Outcome::Ignored,
-                Answer::Stop | Answer::Emergency | Answer::Prepare => return self.fault_stop(slot, symptom, answer),
+                Answer::Stop | Answer::Emergency | Answer::Await | Answer::Prepare => {
+                    return self.fault_stop(slot, symptom, answer);
+                }
                 Answer::Reset | Answer::Replace => {
                     self.judge_intensity(slot, answer)?;
                     if self.dice.once_in(4) { Outcome::Failed } else { Outcome::Recovered }
@@ -134,6 +155,31 @@ impl Life {
             answer = self.ladders[slot].further();
         }
         Err(format!("the fault of slot {slot} has no outcome"))
+    }
+
+    /// True where a fault is left to the answer to its root; the slot is a root itself else.
+    fn is_left(&mut self, slot: usize, symptom: Symptom) -> Result<bool, String> {
+        let rules = &self.drawn.slots[slot];
+        let answered = chain::answered(&rules.severity) & chain::bit(symptom) != 0;
+        let seen = if answered { self.marks[slot].seen(self.now_ns) } else { self.marks[slot] };
+        let onset_ns = seen.onset_ns(self.now_ns);
+        let waits = chain::may_wait(symptom, rules.severity.get(symptom), rules.coverage == Coverage::System);
+        let is_root = |other: &usize| self.marks[*other].root_until_ns(onset_ns).is_some();
+        let is_left = waits && self.graph.chain(slot).iter().any(is_root);
+        let wanted = naive::is_left(&self.drawn, &self.roots, slot, symptom, self.now_ns);
+        if is_left != wanted {
+            return Err(format!(
+                "{symptom:?} of slot {slot} is left to another slot's fault: {is_left}, must: {wanted}"
+            ));
+        }
+        if is_left {
+            self.marks[slot] = seen.left();
+            self.count("left to their root");
+        } else if answered {
+            self.marks[slot] = seen.taken_up(onset_ns);
+            self.roots[slot].push(self.now_ns);
+        }
+        Ok(is_left)
     }
 
     /// Never more resets in the window than the rules allow.

@@ -2,6 +2,7 @@
 //! taken out any more.
 
 use framework_daemon::model::limits::{CHAIN_STEPS, CONSEQUENCE_WINDOW, RECENT_FAULTS};
+use framework_daemon::model::symptom::{Severity, Symptom};
 use framework_daemon::profile::plan::Coverage;
 
 use super::drawn::Drawn;
@@ -76,6 +77,25 @@ pub(super) fn root_of(drawn: &Drawn, past: &[Past], slot: usize, at_ns: u64) -> 
         }
     }
     nearest.map(|(_, root)| root)
+}
+
+/// True where a fault is left to that of another slot: one up the chain that was answered of late. `roots`: when each slot
+/// was answered. An empty slot and the emergency wait for nobody.
+pub(super) fn is_left(drawn: &Drawn, roots: &[Vec<u64>], slot: usize, symptom: Symptom, now_ns: u64) -> bool {
+    let rules = &drawn.slots[slot];
+    let ends_all = rules.coverage == Coverage::System;
+    let may_wait = match rules.severity.get(symptom) {
+        Severity::Reset => true,
+        Severity::Stop => !ends_all,
+        Severity::Ignore | Severity::Emergency => false,
+    };
+    if symptom == Symptom::CrashSegv || !may_wait {
+        return false;
+    }
+    let window_ns = CONSEQUENCE_WINDOW.as_nanos() as u64;
+    let distances = distances(drawn, slot);
+    let others = (0..roots.len()).filter(|other| *other != slot && distances[*other].is_some());
+    others.flat_map(|other| roots[other].iter().copied()).any(|at_ns| at_ns < now_ns && now_ns <= at_ns + window_ns)
 }
 
 /// How many steps up the chain every slot is from one; groups, applications and what they stand at cost steps as the graph's

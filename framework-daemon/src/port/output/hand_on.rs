@@ -33,7 +33,9 @@ impl OutPort {
         let Some(taps) = taps else { return Sent::Dropped };
         let share = || Some(Arc::clone(sample));
         let table = Table { links, taps, way: Way::Judged };
-        let sent = self.deliver(&table, &Candidate { value: sample.value(), sample: &share, charge }, now_ns);
+        // Who hands it on charges whoever wrote it.
+        let own = Candidate { value: sample.value(), sample: &share, charge, suspect: &|_, _| {} };
+        let sent = self.deliver(&table, &own, now_ns);
         self.keep(table.links);
         sent
     }

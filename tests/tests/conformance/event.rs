@@ -39,7 +39,7 @@ pub(crate) fn profiles(transport: Transport, run: &str, rules: &str) -> Profiles
     profiles
 }
 
-static SUITE: Suite = Suite::new(|transport| profiles(transport, "all", RESET));
+pub(crate) static SUITE: Suite = Suite::new(|transport| profiles(transport, "all", RESET));
 
 events::event_cases!(conformance SUITE;);
 

@@ -65,7 +65,7 @@ fn set(profiles: &Profiles, port: &str, element: &str) {
     profiles.replace_after("Hearer.xml", &name, end, &format!("{element}{end}"));
 }
 
-static SUITE: Suite = Suite::new(|transport| profiles(transport, "all"));
+pub(crate) static SUITE: Suite = Suite::new(|transport| profiles(transport, "all"));
 
 pushes::push_cases!(conformance SUITE;);
 

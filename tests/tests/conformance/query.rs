@@ -34,7 +34,7 @@ pub(crate) fn profiles(transport: Transport, run: &str) -> Profiles {
     profiles
 }
 
-static SUITE: Suite = Suite::new(|transport| profiles(transport, "all"));
+pub(crate) static SUITE: Suite = Suite::new(|transport| profiles(transport, "all"));
 
 queries::query_cases!(conformance SUITE;);
 

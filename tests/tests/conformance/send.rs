@@ -36,7 +36,7 @@ pub(crate) fn profiles(transport: Transport, run: &str) -> Profiles {
     profiles
 }
 
-static SUITE: Suite = Suite::new(|transport| profiles(transport, "sends"));
+pub(crate) static SUITE: Suite = Suite::new(|transport| profiles(transport, "sends"));
 
 sends::send_cases!(conformance SUITE;);
 

@@ -6,7 +6,7 @@ use tests::running::Running;
 use crate::links::profiles;
 use crate::rig::{Suite, Transport, conformance};
 
-static SUITE: Suite = Suite::new(|transport| profiles(transport, "wiring"));
+pub(crate) static SUITE: Suite = Suite::new(|transport| profiles(transport, "wiring"));
 
 links::wiring_cases!(conformance SUITE;);
 

@@ -44,6 +44,7 @@ pub mod subscriber;
 pub mod turns;
 
 mod event_tests;
+mod locks;
 mod messages;
 mod push_waits;
 mod waits;

@@ -76,6 +76,15 @@ fn figure_8_a_goes_on_b_stops_c_stops_for_safety_d_goes_on() {
     let listed = done(ask(&daemon, "fault list")).out;
     let sequence = faults[1]["seq"].as_u64().unwrap();
     assert!(listed.contains(&format!("needs b, fault {sequence}")), "{listed}");
+    let shown = done(ask(&daemon, &format!("fault show {sequence}"))).out;
+    for wanted in
+        ["crash.panic", "injected panic", "what follows from it", "needs 2 of camera_1 camera_2 camera_3", "needs b"]
+    {
+        assert!(shown.contains(wanted), "{wanted} in\n{shown}");
+    }
+    let shown = done(ask(&daemon, &format!("fault show {sequence} --format json"))).json().remove(0);
+    assert_eq!((&shown["fault"]["seq"], shown["follows"].as_array().map(Vec::len)), (&faults[1]["seq"], Some(2)));
+    assert_eq!(ask(&daemon, "fault show 99999").code, Some(6));
 
     let answer = done(ask(&daemon, "component reset camera_2"));
     assert_eq!(answer.out, "camera_2: active\n");

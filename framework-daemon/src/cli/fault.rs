@@ -7,11 +7,13 @@ use serde_json::{Map, Value};
 
 use super::component::ordered;
 use super::exit_code::Exit;
+use super::fault_show;
 use super::remote::{Remote, parameters};
 use crate::control::views::{cell, table};
 use crate::model::fault::TrapEvidence;
 
-const EXAMPLES: &str = "Examples:\n  framework-daemon fault list --last 20\n  framework-daemon fault follow --slot avoider\n\n\
+const EXAMPLES: &str = "Examples:\n  framework-daemon fault list --last 20\n  framework-daemon fault show 7\n  \
+     framework-daemon fault follow --slot avoider\n\n\
      The daemon keeps the newest 1024; the journal has all.\n\n\
      Exit codes: 0 answered, 5 no daemon can be reached, 6 refused.";
 
@@ -28,8 +30,16 @@ const FOLLOW_EXAMPLES: &str = "Examples:\n  framework-daemon fault follow\n  \
      were read.";
 
 /// Columns with the widths that they have while faults are followed: nobody knows yet what comes.
-const COLUMNS: [(&str, usize); 7] =
-    [("time", 12), ("slot", 16), ("symptom", 11), ("action", 7), ("outcome", 9), ("took", 9), ("evidence", 0)];
+const COLUMNS: [(&str, usize); 8] = [
+    ("seq", 5),
+    ("time", 12),
+    ("slot", 16),
+    ("symptom", 11),
+    ("action", 7),
+    ("outcome", 9),
+    ("took", 9),
+    ("evidence", 0),
+];
 
 /// Arguments of `fault`.
 #[derive(Debug, Args)]
@@ -52,6 +62,16 @@ pub enum Verb {
         /// How many at most.
         #[arg(long, value_name = "N", default_value_t = 100)]
         last: u64,
+        /// Which daemon, and how it is printed.
+        #[command(flatten)]
+        remote: Remote,
+    },
+    /// Show one fault: its evidence, what was done, how long each step took, and what followed from it.
+    #[command(after_help = fault_show::EXAMPLES)]
+    Show {
+        /// Its number in the journal, as `fault list` tells it.
+        #[arg(value_name = "SEQ")]
+        seq: u64,
         /// Which daemon, and how it is printed.
         #[command(flatten)]
         remote: Remote,
@@ -90,11 +110,8 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
         parameters([("slot", slot.as_deref().map(Value::from)), ("last", Some(last.into()))])
     };
     match &arguments.verb {
-        Verb::List { slot, last, remote } => {
-            let names = COLUMNS.map(|(name, _)| name);
-            let rows = |faults: &[Value]| table(&names, &faults.iter().map(row).collect::<Vec<_>>());
-            remote.list("ListFaults", asked(slot, *last), "faults", out, rows)
-        }
+        Verb::List { slot, last, remote } => remote.list("ListFaults", asked(slot, *last), "faults", out, listed),
+        Verb::Show { seq, remote } => fault_show::run(*seq, remote, out),
         Verb::Clear { remote } => remote.ask_patiently("ClearEmergency", Map::new(), out, |answer| {
             let actuators = answer["actuators"].as_array().into_iter().flatten().map(ordered);
             std::iter::once("the emergency stop is cleared".to_owned()).chain(actuators).collect()
@@ -103,6 +120,11 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
             remote.follow("Follow", asked(slot, *last), *count, out, followed)
         }
     }
+}
+
+/// Lines of the fault manager as a table.
+pub(super) fn listed(lines: &[Value]) -> Vec<String> {
+    table(&COLUMNS.map(|(name, _)| name), &lines.iter().map(row).collect::<Vec<_>>())
 }
 
 /// A line of what is followed.
@@ -116,8 +138,9 @@ fn followed(answer: &Value) -> String {
 }
 
 /// A line of the fault manager, by columns.
-fn row(line: &Value) -> Value {
-    let mut row = serde_json::json!({"time": time_of_day(line["wall"].as_f64().unwrap_or_default())});
+pub(super) fn row(line: &Value) -> Value {
+    let mut row =
+        serde_json::json!({"seq": line["seq"], "time": time_of_day(line["wall"].as_f64().unwrap_or_default())});
     if let Some(count) = line["count"].as_u64() {
         row["evidence"] = format!("{count} faults came faster than they could be written down").into();
         return row;
@@ -158,6 +181,14 @@ fn evidence(evidence: &Value) -> String {
             let ms = |name: &str| evidence[name].as_f64().unwrap_or_default() / 1e6;
             format!("took {:.3} ms of {:.3} ms", ms("took_ns"), ms("budget_ns"))
         }
+        Some("recovery") => {
+            let ms = |name: &str| evidence[name].as_f64().unwrap_or_default() / 1e6;
+            format!("took {:.3} ms, declared {:.3} ms", ms("took_ns"), ms("declared_ns"))
+        }
+        Some("device") => match evidence["lost_ns"].as_f64() {
+            Some(ns) => format!("{} works again after {:.1} ms", text("device"), ns / 1e6),
+            None => format!("{} is lost: {}", text("device"), text("message")),
+        },
         Some("silence") => {
             let ms = |name: &str| evidence[name].as_f64().unwrap_or_default() / 1e6;
             format!("{} heard nothing for {:.1} ms of {:.1} ms", text("port"), ms("silent_ns"), ms("max_age_ns"))
@@ -209,12 +240,12 @@ mod tests {
 
     #[test]
     fn a_fault_is_one_line() {
-        let line = json!({"wall": 1_700_000_000.25, "slot": "avoider", "symptom": "crash.segv", "action": "reset",
+        let line = json!({"seq": 7, "wall": 1_700_000_000.25, "slot": "avoider", "symptom": "crash.segv", "action": "reset",
             "outcome": "recovered", "times": {"first_callback_ns": 2300},
             "evidence": {"kind": "trap", "signal": 11, "address": 8, "function": "ticker::step"}});
         assert_eq!(
             followed(&json!({"fault": line})),
-            "22:13:20.250  avoider           crash.segv   reset    recovered  2.3 us     SIGSEGV at 0x8 in ticker::step"
+            "7      22:13:20.250  avoider           crash.segv   reset    recovered  2.3 us     SIGSEGV at 0x8 in ticker::step"
         );
         assert!(followed(&json!({"missed": 7})).starts_with("7 lines"));
         assert!(
@@ -231,6 +262,12 @@ mod tests {
         assert_eq!(evidence(&time), "took 2.500 ms of 1.000 ms");
         let silence = json!({"kind": "silence", "port": "a.in", "silent_ns": 120_000_000, "max_age_ns": 100_000_000});
         assert_eq!(evidence(&silence), "a.in heard nothing for 120.0 ms of 100.0 ms");
+        let lost = json!({"kind": "device", "device": "sonar", "message": "gone"});
+        assert_eq!(evidence(&lost), "sonar is lost: gone");
+        let found = json!({"kind": "device", "device": "sonar", "lost_ns": 1_500_000});
+        assert_eq!(evidence(&found), "sonar works again after 1.5 ms");
+        let late = json!({"kind": "recovery", "took_ns": 3_000_000, "declared_ns": 2_000_000});
+        assert_eq!(evidence(&late), "took 3.000 ms, declared 2.000 ms");
         let value = json!({"kind": "value", "port": "ranges", "field": "min", "value": 9.5, "limit": 3.0});
         assert_eq!(evidence(&value), "ranges min is 9.5, limit 3.0");
     }

@@ -21,6 +21,8 @@ pub mod describe;
 pub mod exit_code;
 /// `fault`.
 pub mod fault;
+/// `fault show`.
+mod fault_show;
 /// `graph`.
 pub mod graph;
 /// `man`.

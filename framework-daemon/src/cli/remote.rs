@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use super::Format;
 use super::exit_code::Exit;
@@ -95,6 +95,29 @@ impl Remote {
         let called = self.connect().and_then(|mut client| client.stream(method, parameters, each));
         written?;
         self.finish(called, out, |()| Vec::new())
+    }
+
+    /// Calls a method whose answer is a list in `field`, and prints what `pick` makes of it, as it is or as `text` has it; why it
+    /// makes nothing of it, on stderr.
+    ///
+    /// # Errors
+    /// Only those of writing.
+    pub fn pick(
+        &self,
+        method: &str,
+        parameters: Map<String, Value>,
+        field: &str,
+        out: &mut impl Write,
+        pick: impl FnOnce(&[Value]) -> Result<Value, String>,
+        text: impl FnOnce(&Value) -> Vec<String>,
+    ) -> io::Result<Exit> {
+        let answer = self.connect().and_then(|mut client| client.call(method, parameters));
+        let picked = answer.and_then(|answer| {
+            let picked = pick(answer[field].as_array().map(Vec::as_slice).unwrap_or_default());
+            let refused = |reason| CallError::Refused { name: String::new(), parameters: json!({"reason": reason}) };
+            picked.map_err(refused)
+        });
+        self.finish(picked, out, |picked| self.lines(std::slice::from_ref(picked), |_| text(picked)))
     }
 
     fn connect(&self) -> Result<Client, CallError> {

@@ -139,6 +139,8 @@ pub const CLASSES: &[Class] = &[
     Class::again("calls", "ForgedRead", &[]).refused(),
     Class::again("calls", "BadLogText", SEGV),
     Class::again("calls", "BadRaiseText", SEGV),
+    Class::again("calls", "BadDeviceName", SEGV),
+    Class::again("calls", "BadDeviceFound", SEGV),
     Class::again("calls", "BadErrorText", SEGV),
     Class::again("calls", "BadPanicText", SEGV),
     Class::again("calls", "BadCriticalName", SEGV),

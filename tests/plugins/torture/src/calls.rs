@@ -46,6 +46,12 @@ torture! {
     /// Raises a fault with a text that is not there.
     BadRaiseText => || (host().raise_fault)(bad_text!());
 
+    /// Loses a device whose name is not there.
+    BadDeviceName => || (host().devices.lost)(bad_text!(), "gone".into(), 0);
+
+    /// Finds one.
+    BadDeviceFound => || (host().devices.found)(bad_text!());
+
     /// Tells an error text that is not there.
     BadErrorText => || (host().note_error)(bad_text!());
 

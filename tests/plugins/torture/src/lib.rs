@@ -142,6 +142,8 @@ component_sdk::export_components!(
     calls::ForgedRead,
     calls::BadLogText,
     calls::BadRaiseText,
+    calls::BadDeviceName,
+    calls::BadDeviceFound,
     calls::BadErrorText,
     calls::BadPanicText,
     calls::BadCriticalName,

@@ -122,7 +122,6 @@ fn one_falls_silent_and_one_drifts_and_where_no_two_agree_the_robot_stands() {
     assert_eq!((few["slot"].as_str(), few["symptom"].as_str()), (Some("sonars.ring"), Some("vote")), "{few}");
     let evidence = &few["evidence"];
     assert_eq!((evidence["agreeing"].as_u64(), evidence["require"].as_u64()), (Some(1), Some(2)), "{evidence}");
-    assert!(mono_ns(&few) > mono_ns(&silent));
     drive.daemon.until("the robot to stand", || drive.stands());
     assert!(drive.has_hit_nothing());
 }

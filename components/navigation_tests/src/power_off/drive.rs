@@ -15,7 +15,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(20);
 /// As many values of either port before the robot drives.
 const AT_REST: usize = 15;
 /// As many runs, on a machine so busy that encoder and model part though nothing failed.
-const ATTEMPTS: u32 = 5;
+const ATTEMPTS: u32 = 12;
 
 /// Runs the daemon with a window of that length until it has found that the power failed. `say` is told what is going on.
 ///

@@ -29,7 +29,7 @@ use crate::sys::foreign::{self, Report};
 use crate::sys::seat::Owner;
 use crate::sys::signals::{self, Request};
 use crate::sys::thread::SignalStack;
-use crate::sys::{fence, last_words, log_ring, mapping, memory, shield, trap};
+use crate::sys::{fence, last_words, latch, log_ring, mapping, memory, shield, trap};
 
 /// Faults to provoke.
 pub mod drill;
@@ -146,6 +146,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
             return Err(RunError::Failed(vec![reason]));
         }
     };
+    restore_latch(settings, &journal);
     let keep = open_keep(settings);
     let plan = Arc::new(loaded.plan);
     let risen = rise::rise(plan, settings.plugins.clone(), faults, keep.clone(), &requests)?;
@@ -189,6 +190,21 @@ fn open_journal(settings: &Settings) -> Result<SharedJournal, RunError> {
         tracing::warn!("{told}");
     }
     Ok(Arc::new(Mutex::new(journal)))
+}
+
+/// The emergency stop stays latched until an operator clears it, whatever ended the run before.
+fn restore_latch(settings: &Settings, journal: &SharedJournal) {
+    let path = latch::beside(&settings.journal);
+    match latch::keep(&path, settings.fresh) {
+        Ok(false) => {}
+        Ok(true) => {
+            tracing::error!(
+                "EMERGENCY STOP: the run before left it latched; actuators stay stopped until `fault clear`"
+            );
+            note(journal, "emergency", &json!({"step": "restored"}));
+        }
+        Err(error) => tracing::warn!("{}: {error}; an emergency stop does not outlive the daemon", path.display()),
+    }
 }
 
 /// The file of checkpoints; where it cannot be had the robot runs all the same.

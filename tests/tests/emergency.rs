@@ -120,6 +120,82 @@ fn a_fault_stop_that_covers_the_system_is_an_emergency_and_stops_everything() {
 }
 
 #[test]
+fn it_stays_latched_until_an_operator_clears_it_whatever_ends_the_daemon() {
+    let robot = robot(RULES, "");
+    let journal = robot.lines.path().join("journal.jsonl");
+    let run = |arguments: &[&str]| Running::spawn_on(&journal, robot.profiles.path(), arguments).ready();
+    let mut daemon = run(&["--inject", "sensor:crash.segv@0.3"]);
+    stopped(&daemon);
+    daemon.signal("KILL");
+    daemon.wait();
+    // Killed, crashed, ended in order.
+    for (arguments, ends) in [(&[][..], "KILL"), (&["--inject", "daemon:crash.segv@0.3"], ""), (&[], "TERM")] {
+        let driven = robot.line("left").iter().filter(|text| *text == "drive").count();
+        let mut daemon = run(arguments);
+        daemon.wait_for("the run before left it latched");
+        assert_eq!(robot.line("left").last().map(String::as_str), Some("stop"), "its outputs are safe");
+        assert_eq!(daemon.entries("emergency").last().unwrap()["step"], "restored");
+        if ends.is_empty() {
+            daemon.wait();
+        } else {
+            let status = ask(&daemon, "status");
+            assert!(status.out.starts_with("EMERGENCY STOP latched"), "{status:?}");
+            assert_eq!(ask(&daemon, "component start left").code, Some(7));
+            daemon.signal(ends);
+            daemon.wait();
+        }
+        assert_eq!(robot.line("left").iter().filter(|text| *text == "drive").count(), driven, "{ends}");
+    }
+    let mut daemon = run(&[]);
+    assert_eq!(ask(&daemon, "fault clear").out, "the emergency stop is cleared\nleft: active\nright: active\n");
+    daemon.until("the wheels turn again", || robot.line("left").last().is_some_and(|text| text == "drive"));
+    daemon.stop();
+    let daemon = run(&[]);
+    assert_eq!(ask(&daemon, "status --format json").json()[0]["emergency"], false);
+}
+
+#[test]
+fn a_fresh_run_forgets_that_it_was_latched() {
+    let robot = robot(RULES, "");
+    let journal = robot.lines.path().join("journal.jsonl");
+    let mut daemon = Running::spawn_on(&journal, robot.profiles.path(), &["--inject", "sensor:crash.segv@0.3"]).ready();
+    stopped(&daemon);
+    daemon.stop();
+    let daemon = Running::spawn_on(&journal, robot.profiles.path(), &["--fresh"]).ready();
+    assert_eq!(ask(&daemon, "status --format json").json()[0]["emergency"], false);
+    daemon.until("the wheels turn", || robot.line("left").last().is_some_and(|text| text == "drive"));
+}
+
+#[test]
+fn a_component_connects_nothing_to_an_actuator_while_it_is_latched() {
+    let robot = robot(RULES, "");
+    robot.profiles.describe(&plugin_dir().join("libsignals.so"));
+    let more = slot("plug", "Plug", "") + &slot("ear", "Ear", "");
+    robot.profiles.replace("app.xml", "</subcomponents>", &format!("{more}</subcomponents>"));
+    robot.profiles.replace("system.xml", "<emergency>", "<emergency><actuator component=\"ear\"/>");
+    let daemon = Running::start(robot.profiles.path(), &["--inject", "sensor:crash.segv@0.5"]);
+    daemon.wait_for("plug is connected");
+    daemon.wait_for("the emergency stop is latched, and ear is an actuator: `framework-daemon fault clear` first");
+    assert_eq!(ask(&daemon, "fault clear").code, Some(0));
+    daemon.wait_for_lines("plug is connected", 2);
+}
+
+#[test]
+fn clearing_starts_no_actuator_that_another_fault_stopped() {
+    let robot = robot(RULES, "");
+    let faults = ["--inject", "left:crash.segv@0.2", "--inject", "sensor:crash.segv@0.8"];
+    let daemon = Running::start(robot.profiles.path(), &faults);
+    stopped(&daemon);
+    let own = daemon.journal("fault", 2).remove(0);
+    assert_eq!((own["slot"].as_str(), own["action"].as_str()), (Some("left"), Some("stop")));
+    let cleared = ask(&daemon, "fault clear");
+    let expected =
+        format!("the emergency stop is cleared\nleft: error, fault {} stopped it\nright: active\n", own["seq"]);
+    assert_eq!(cleared.out, expected);
+    assert_eq!(ask(&daemon, "component reset left").out, "left: active\n");
+}
+
+#[test]
 fn an_emergency_without_an_actuator_is_refused_at_load() {
     let robot = robot(RULES, "");
     robot.profiles.write("system.xml", "<system_profile><name>robot</name></system_profile>");

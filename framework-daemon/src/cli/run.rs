@@ -23,6 +23,7 @@ const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --
      control socket. Where the usual place for it is not to be had it runs without; one named by --socket must be had.\n\
      After a crash, a kill or a restart for suspect memory, slots with a `<checkpoint>` go on from the one that lies beside the \
      journal, unless --fresh is given or the plugin is another build. After an end in order all begin anew.\n\
+     An emergency stop stays latched, whatever ends the run, until `fault clear`; --fresh forgets that, too.\n\
      When all slots run, a line that begins with `ready` is printed.";
 
 /// Long enough for the log's thread to write what it has; short enough for motors that turn meanwhile.
@@ -42,7 +43,8 @@ pub struct Arguments {
     /// [default: $XDG_STATE_HOME/framework-daemon/journal.jsonl].
     #[arg(long, value_name = "FILE")]
     pub journal: Option<PathBuf>,
-    /// Forget the checkpoints that the run before left: a run goes on from them where the one before did not end in order.
+    /// Forget what the run before left: its checkpoints, which a run goes on from where the one before did not end in order, and
+    /// its latched emergency stop, where an operator knows better than to clear it when it runs.
     #[arg(long)]
     pub fresh: bool,
     /// Where checkpoints lie, so that they outlive the daemon; on a tmpfs nothing ever waits for a disk

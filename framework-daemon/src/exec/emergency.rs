@@ -1,21 +1,19 @@
 //! The emergency stop: on the thread that saw the fault, at once. First the safe outputs of all actuators are written from
 //! there, then it is latched, then the actuators' executors are told, each of which enters `on_emergency`, stops its slot
-//! and writes its outputs once more.
+//! and writes its outputs once more. The latch outlives the daemon ([`latch`]): one that comes up latched writes the outputs
+//! when they are registered, and starts no actuator.
 //!
 //! One for the process, as the outputs are. The latch and the outputs are atomics; the signals of the actuators lie behind a
 //! lock that is held to clone or swap a pointer, by threads that run no component's code meanwhile.
 
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use crossbeam_channel::Sender;
 
 use crate::model::lifecycle::State;
 use crate::sys::bell::{Ring, Signal};
-use crate::sys::{clock, safe_outputs};
+use crate::sys::{clock, latch, safe_outputs};
 
-/// When it was latched; 0: it is not.
-static LATCH: AtomicU64 = AtomicU64::new(0);
 static ACTUATORS: Mutex<Vec<Actuator>> = Mutex::new(Vec::new());
 static LISTENER: OnceLock<Sender<Notice>> = OnceLock::new();
 
@@ -64,20 +62,30 @@ pub fn listen(listener: Sender<Notice>) {
 
 /// Who gets the emergency stop from now on.
 pub fn arm(actuators: Vec<Actuator>) {
-    safe_outputs::arm(&actuators.iter().map(|actuator| actuator.slot).collect::<Vec<_>>());
+    let slots: Vec<&'static str> = actuators.iter().map(|actuator| actuator.slot).collect();
+    safe_outputs::arm(&slots);
+    latch::guard(slots);
     let old = std::mem::replace(&mut *ACTUATORS.lock().unwrap_or_else(PoisonError::into_inner), actuators);
     drop(old);
+    if latched() {
+        // The run before left it so.
+        let _ = safe_outputs::write_armed();
+    }
 }
 
 /// Brings the robot to its safe state, for a fault of that slot at that time.
 pub fn raise(slot: &'static str, at_ns: u64) {
     let outputs = safe_outputs::write_armed();
     let written_ns = clock::now_ns();
-    let is_first = LATCH.compare_exchange(0, written_ns, Ordering::SeqCst, Ordering::SeqCst).is_ok();
+    let is_first = latch::set();
     // Before those who are told tell what they did.
     tell(Notice::Raised { slot, at_ns, written_ns, outputs, is_first });
     for actuator in ACTUATORS.lock().unwrap_or_else(PoisonError::into_inner).iter() {
         actuator.signal.ring(Ring::Emergency);
+    }
+    if is_first {
+        // The fault manager tries again, and tells if it fails.
+        let _ = latch::store();
     }
 }
 
@@ -91,11 +99,14 @@ pub(super) fn tell(notice: Notice) {
 /// True while it is latched.
 #[must_use]
 pub fn latched() -> bool {
-    LATCH.load(Ordering::SeqCst) != 0
+    latch::is_set()
 }
 
 /// Takes it back; false: it was not latched.
 #[must_use]
 pub fn clear() -> bool {
-    LATCH.swap(0, Ordering::SeqCst) != 0
+    latch::clear().unwrap_or_else(|error| {
+        tracing::error!("the emergency stop is cleared, but the next run comes up latched: {error}");
+        true
+    })
 }

@@ -210,7 +210,11 @@ impl Handler {
         if event.answer != Answer::Prepare {
             self.recent.remember(slot, event.fault.at_ns, root.unwrap_or(sequence));
         }
-        if self.situation.fault(slot, event.outcome, root.unwrap_or(sequence)) { self.settle() } else { Vec::new() }
+        let follows = self.situation.fault(slot, event.outcome, root.unwrap_or(sequence));
+        if event.answer == Answer::Emergency {
+            self.situation.raise(slot);
+        }
+        if follows { self.settle() } else { Vec::new() }
     }
 
     /// Events were lost: the states of the slots tell what they said.

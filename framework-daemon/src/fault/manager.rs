@@ -25,7 +25,7 @@ use crate::model::limits::{CONSEQUENCE_LINES, CONSEQUENCE_WINDOW, EMERGENCY_NOTI
 use crate::model::symptom::Symptom;
 use crate::model::time::nanoseconds;
 use crate::plugin::symbols::{Origin, Symbols};
-use crate::sys::{clock, foreign, thread, trap};
+use crate::sys::{clock, foreign, latch, thread, trap};
 
 /// The journal, shared with those who note starts, reloads and stops.
 pub type SharedJournal = Arc<Mutex<Journal>>;
@@ -295,6 +295,11 @@ impl Desk {
 
     /// What is told of the emergency stop waits for the fault that it was raised for.
     fn note(&mut self, notice: Notice) {
+        if matches!(notice, Notice::Raised { is_first: true, .. })
+            && let Err(error) = latch::settle()
+        {
+            tracing::error!("the emergency stop is latched for this run only: {error}");
+        }
         self.notices.push(notice);
         self.tell_notices();
     }

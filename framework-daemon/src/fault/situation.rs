@@ -13,6 +13,8 @@ pub struct Situation {
     own: Vec<Own>,
     running: Vec<bool>,
     held: Vec<Option<Reason>>,
+    /// A fault of its own stopped it, and was answered by the emergency stop.
+    raised: Vec<bool>,
     /// The emergency stop is latched, for the fault of that number where it is known.
     emergency: Option<Option<u64>>,
 }
@@ -33,8 +35,8 @@ impl Situation {
     /// Slots that are like this by themselves, of which these run.
     #[must_use]
     pub fn new(own: Vec<Own>, running: Vec<bool>) -> Self {
-        let held = vec![None; own.len()];
-        Self { own, running, held, emergency: None }
+        let (held, raised) = (vec![None; own.len()], vec![false; own.len()]);
+        Self { own, running, held, raised, emergency: None }
     }
 
     /// How a slot is by itself.
@@ -70,7 +72,12 @@ impl Situation {
 
     /// A slot was found like this.
     pub fn find(&mut self, slot: Number, own: Own, runs: bool) {
-        (self.own[slot], self.running[slot]) = (own, runs);
+        (self.own[slot], self.running[slot], self.raised[slot]) = (own, runs, false);
+    }
+
+    /// The fault that stopped a slot was answered by the emergency stop, and ends with it.
+    pub fn raise(&mut self, slot: Number) {
+        self.raised[slot] = matches!(self.own[slot], Own::Faulty(_));
     }
 
     /// An operator wants that of a slot.
@@ -98,12 +105,13 @@ impl Situation {
         }
     }
 
-    /// The operator took the emergency stop back: what a fault stopped of the actuators is to run again, too.
+    /// The operator took the emergency stop back: the actuators whose own faults it answered are to run again, too.
+    /// One that another fault stopped is not: that is for a reset.
     pub fn clear(&mut self, graph: &Graph) {
         self.emergency = None;
-        for (own, node) in self.own.iter_mut().zip(graph.nodes()) {
-            if node.is_actuator && matches!(own, Own::Faulty(_)) {
-                *own = Own::Wanted;
+        for (slot, node) in graph.nodes().iter().enumerate().take(self.own.len()) {
+            if node.is_actuator && std::mem::take(&mut self.raised[slot]) && matches!(self.own[slot], Own::Faulty(_)) {
+                self.own[slot] = Own::Wanted;
             }
         }
     }
@@ -125,6 +133,7 @@ impl Situation {
     pub fn started(&mut self, slot: Number, failed: bool) {
         self.running[slot] = !failed;
         if failed {
+            self.raised[slot] = false;
             self.own[slot] = Own::Faulty(0);
         }
     }

@@ -16,7 +16,7 @@ use super::registry::{self, Entry};
 use super::wiring::{self, Name, Refusal};
 use crate::model::limits::LABEL_BYTES;
 use crate::model::text::{Label, ShortText};
-use crate::sys::{log_ring, seat};
+use crate::sys::{latch, log_ring, seat};
 
 /// What every plugin is given.
 pub(super) const API: LinkApi = LinkApi { connect, disconnect, join, part, add, remove };
@@ -24,7 +24,8 @@ pub(super) const API: LinkApi = LinkApi { connect, disconnect, join, part, add, 
 extern "C" fn connect(one: PortName<'_>, other: PortName<'_>, reason: &mut Reason) -> u32 {
     make_sure_of_stack();
     let (one, other) = (Copied::of(one), Copied::of(other));
-    let result = wiring::connect(registry::shared(), one.name(), other.name());
+    let result = wiring_allowed([one.name(), other.name()]);
+    let result = result.and_then(|()| wiring::connect(registry::shared(), one.name(), other.name()));
     if result.is_ok() {
         tell(ShortText::of(format_args!("connected {} and {}", one.name(), other.name())));
     }
@@ -45,6 +46,7 @@ extern "C" fn join(own: PortHandle, to: PortName<'_>, reason: &mut Reason) -> u3
     make_sure_of_stack();
     let to = Copied::of(to);
     let result = entry(own).and_then(|entry| {
+        wiring_allowed([name_of(&entry), to.name()])?;
         wiring::connect_end(registry::shared(), &entry.end, name_of(&entry), to.name())?;
         tell(ShortText::of(format_args!("connected {} and {}", name_of(&entry), to.name())));
         Ok(())
@@ -78,6 +80,20 @@ extern "C" fn add(own: PortHandle, name: RStr<'_>, reason: &mut Reason) -> u32 {
 
 extern "C" fn remove(own: PortHandle, reason: &mut Reason) -> u32 {
     answer(entry(own).and_then(|entry| named(&entry, None, format_args!(""))), reason)
+}
+
+/// While the emergency stop is latched nothing is connected to an actuator: whatever is wired then drives it at once when it is
+/// cleared, and nobody has looked at that.
+fn wiring_allowed(ends: [Name<'_>; 2]) -> Result<(), Refusal> {
+    let actuator = ends.iter().find(|end| latch::guards(end.slot)).filter(|_| latch::is_set());
+    let refused = |end: &Name<'_>| {
+        let why = format_args!(
+            "the emergency stop is latched, and {} is an actuator: `framework-daemon fault clear` first",
+            end.slot
+        );
+        Refusal::new(Status::NotAllowed, why)
+    };
+    actuator.map_or(Ok(()), |end| Err(refused(end)))
 }
 
 /// Others find the port by that name from now on.

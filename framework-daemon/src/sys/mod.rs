@@ -39,6 +39,9 @@ pub mod futex;
 /// The C library's heap after a thread was given up.
 pub mod heap;
 
+/// The latch of the emergency stop, which outlives the process.
+pub mod latch;
+
 /// What the process still says when it dies by a trap.
 pub mod last_words;
 

@@ -42,6 +42,8 @@ pub(super) struct Life {
     latched: Option<u64>,
     past: Vec<Past>,
     resets: Vec<Vec<u64>>,
+    /// The fault that stopped it was answered by the emergency stop.
+    raised: Vec<bool>,
     /// As the executors have them: since when each slot is a root.
     marks: Vec<Mark>,
     /// As the naive model has it.
@@ -90,6 +92,7 @@ impl Life {
             latched: None,
             past: Vec::new(),
             resets: vec![Vec::new(); count],
+            raised: vec![false; count],
             marks: vec![Mark::NONE; count],
             roots: vec![Vec::new(); count],
             left: Vec::new(),
@@ -128,7 +131,7 @@ impl Life {
     fn fault(&mut self, slot: usize, symptom: Symptom) -> Result<(), String> {
         if self.is_left(slot, symptom)? {
             self.left.push((slot, symptom));
-            return self.tell(slot, symptom, Outcome::Consequence);
+            return self.tell(slot, symptom, Answer::Await, Outcome::Consequence);
         }
         let mut answer = self.ladders[slot].answer(symptom, self.now_ns);
         if answer == Answer::Ignore && symptom.loses_instance() {
@@ -148,7 +151,7 @@ impl Life {
                     if self.dice.once_in(4) { Outcome::Failed } else { Outcome::Recovered }
                 }
             };
-            self.tell(slot, symptom, outcome)?;
+            self.tell(slot, symptom, answer, outcome)?;
             if outcome != Outcome::Failed {
                 return Ok(());
             }
@@ -201,11 +204,13 @@ impl Life {
     }
 
     fn fault_stop(&mut self, slot: usize, symptom: Symptom, answer: Answer) -> Result<(), String> {
+        let mut answer = answer;
         if answer != Answer::Emergency && self.drawn.slots[slot].coverage == Coverage::System {
             self.latch();
+            answer = Answer::Emergency;
         }
         self.running[slot] = false;
-        self.tell(slot, symptom, Outcome::Stopped)
+        self.tell(slot, symptom, answer, Outcome::Stopped)
     }
 
     /// Every actuator is told at once, by its executor.
@@ -219,7 +224,7 @@ impl Life {
     }
 
     /// The fault manager learns of it.
-    fn tell(&mut self, slot: usize, symptom: Symptom, outcome: Outcome) -> Result<(), String> {
+    fn tell(&mut self, slot: usize, symptom: Symptom, answer: Answer, outcome: Outcome) -> Result<(), String> {
         self.sequence += 1;
         self.events.push(Event::Fault(slot, symptom, outcome));
         let root = self.recent.root_of(&self.graph, slot, self.now_ns);
@@ -233,8 +238,12 @@ impl Life {
         self.past.push(Past { slot, at_ns: self.now_ns, root });
         if outcome == Outcome::Stopped {
             self.own[slot] = naive::Own::Failed(root);
+            self.raised[slot] = answer == Answer::Emergency;
         }
         let follows = self.situation.fault(slot, outcome, root);
+        if answer == Answer::Emergency {
+            self.situation.raise(slot);
+        }
         if follows || outcome == Outcome::Stopped { self.settle() } else { self.judge() }
     }
 
@@ -243,7 +252,7 @@ impl Life {
         self.events.push(Event::Lost(slot));
         self.count("lost events");
         self.running[slot] = false;
-        self.own[slot] = naive::Own::Failed(0);
+        (self.own[slot], self.raised[slot]) = (naive::Own::Failed(0), false);
         if self.situation.own(slot) == Own::Wanted {
             self.situation.find(slot, Own::Faulty(0), false);
         }
@@ -280,9 +289,9 @@ impl Life {
         self.events.push(Event::Order(Verb::Clear, 0, true));
         self.latched = None;
         self.situation.clear(&self.graph);
-        for (own, slot) in self.own.iter_mut().zip(&self.drawn.slots) {
-            if slot.is_actuator && matches!(own, naive::Own::Failed(_)) {
-                *own = naive::Own::Wanted;
+        for (number, slot) in self.drawn.slots.iter().enumerate() {
+            if slot.is_actuator && matches!(self.own[number], naive::Own::Failed(_)) && self.raised[number] {
+                self.own[number] = naive::Own::Wanted;
             }
         }
         self.settle()
@@ -310,7 +319,7 @@ impl Life {
             }
             for slot in failed {
                 self.sequence += 1;
-                self.own[slot] = naive::Own::Failed(self.sequence);
+                (self.own[slot], self.raised[slot]) = (naive::Own::Failed(self.sequence), false);
                 let _ = self.situation.fault(slot, Outcome::Stopped, self.sequence);
             }
         }

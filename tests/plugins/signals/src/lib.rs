@@ -117,4 +117,37 @@ impl Callbacks for Amplifier {
     }
 }
 
-export_components!(Wave, Ear, Amplifier, Driver, Dummy);
+/// Connects its output by itself, again and again, to the port that its properties name, and says when the answer is another.
+#[derive(Component)]
+#[component(name = "Plug", version = "1.0", periodic = "20ms")]
+pub struct Plug {
+    #[port]
+    out: DataOut<Reading>,
+    #[property(default = "plug")]
+    own: String,
+    #[property(default = "ear")]
+    slot: String,
+    #[property(default = "heard")]
+    port: String,
+    told: String,
+}
+
+impl Callbacks for Plug {
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        let own = (self.own.as_str(), "out");
+        let told = match cx.wiring().connect(own, (self.slot.as_str(), self.port.as_str())) {
+            Ok(()) => {
+                self.out.write(Reading::default());
+                cx.wiring().disconnect(own).map_or_else(|error| error.to_string(), |()| "connected".to_owned())
+            }
+            Err(error) => format!("refused: {error}"),
+        };
+        if told != self.told {
+            info!(cx, "plug is {told}");
+            self.told = told;
+        }
+        Ok(())
+    }
+}
+
+export_components!(Wave, Ear, Amplifier, Driver, Dummy, Plug);

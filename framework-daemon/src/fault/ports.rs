@@ -31,7 +31,7 @@ use crate::port::pattern::event_server::EventServer;
 use crate::port::pattern::provider::Openness;
 use crate::port::wait::Waiter;
 use crate::profile::plan::{Overflow, Queue};
-use crate::sys::bell::{Bell, Signal};
+use crate::sys::bell::{Bell, Signal, Wakes};
 use crate::sys::clock;
 
 impl Plain for FaultNotice {}
@@ -57,7 +57,7 @@ pub fn shared() -> &'static Ports {
 struct Doorbell(Sender<()>);
 
 impl Listener for Doorbell {
-    fn data_arrived(&self) {
+    fn data_arrived<'a>(&'a self, _: &mut Wakes<'a>) {
         let _ = self.0.try_send(());
     }
 }

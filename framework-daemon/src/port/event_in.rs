@@ -10,7 +10,7 @@ use component_sdk::abi::payload::PortHandle;
 
 use super::block::Sample;
 use super::input::{InPort, Listener};
-use crate::sys::bell::{Ring, Signal};
+use crate::sys::bell::{Ring, Signal, Wakes};
 
 /// An event input of a slot.
 pub struct EventIn {
@@ -35,9 +35,9 @@ struct Chime {
 }
 
 impl Listener for Chime {
-    fn data_arrived(&self) {
+    fn data_arrived<'a>(&'a self, wakes: &mut Wakes<'a>) {
         self.news.store(true, Ordering::Release);
-        self.signal.ring(Ring::Serve);
+        self.signal.ring_among(Ring::Serve.into(), wakes);
     }
 }
 

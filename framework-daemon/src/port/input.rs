@@ -25,12 +25,16 @@ use super::wait::Place;
 use crate::model::fault::Fault;
 use crate::model::limits::FIFO_SIZE_MAX;
 use crate::profile::plan::{Overflow, Queue};
-use crate::sys::clock;
+use crate::sys::bell::Wakes;
+use crate::sys::{arch, clock};
 
 /// Told when data arrives: wakes a nonperiodic slot.
 pub trait Listener: Send + Sync {
-    /// Called by the writer's thread; must not block.
-    fn data_arrived(&self);
+    /// Called by the writer's thread; must not block. An executor that is to look at it may be left to `wakes`.
+    fn data_arrived<'a>(&'a self, wakes: &mut Wakes<'a>);
+
+    /// Fetches what the next call writes to.
+    fn bring_near(&self) {}
 }
 
 /// A writer that is connected.
@@ -243,7 +247,7 @@ impl InPort {
 
     /// Takes a value in.
     #[inline]
-    pub(super) fn push(&self, sample: Sample) -> Pushed {
+    pub(super) fn push<'a>(&'a self, sample: Sample, wakes: &mut Wakes<'a>) -> Pushed {
         let pushed = match &self.arrived {
             Arrived::Newest(newest) => {
                 if newest.put(sample).is_some() {
@@ -265,16 +269,23 @@ impl InPort {
             hearing.heard();
         }
         if let Some(listener) = self.listener.get() {
-            listener.data_arrived();
+            listener.data_arrived(wakes);
         }
         pushed
     }
 
+    /// Fetches what the next value writes to: its reader on another processor has it.
+    #[inline]
+    pub(super) fn bring_near(&self) {
+        arch::fetch_line(std::ptr::from_ref(&self.arrived).addr());
+        self.listener.get().into_iter().for_each(|listener| listener.bring_near());
+    }
+
     /// Takes a value in that is its turn, and tells its client.
-    pub(super) fn take_in(&self, sample: Sample) -> Pushed {
-        let Some(subscriber) = self.subscriber() else { return self.push(sample) };
+    pub(super) fn take_in<'a>(&'a self, sample: Sample, wakes: &mut Wakes<'a>) -> Pushed {
+        let Some(subscriber) = self.subscriber() else { return self.push(sample, wakes) };
         subscriber.note(&sample);
-        let pushed = self.push(sample);
+        let pushed = self.push(sample, wakes);
         subscriber.arrived();
         pushed
     }
@@ -486,8 +497,8 @@ mod tests {
     fn the_newest_value_may_be_read_again() {
         let port = port(Queue::Last);
         assert!(port.read(ReadMode::Newest, Borrower::Callback).value.is_null());
-        port.push(sample(1));
-        port.push(sample(2));
+        port.push(sample(1), &mut Wakes::default());
+        port.push(sample(2), &mut Wakes::default());
         assert_eq!(port.read(ReadMode::Fresh, Borrower::Callback).stamp_ns, 2);
         assert!(port.read(ReadMode::Fresh, Borrower::Callback).value.is_null());
         assert_eq!(port.read(ReadMode::Newest, Borrower::Callback).stamp_ns, 2);
@@ -502,7 +513,7 @@ mod tests {
             let (mut model, mut lost) = (VecDeque::new(), 0);
             for (number, write) in (1u64..).zip(steps) {
                 if write {
-                    port.push(sample(number));
+                    port.push(sample(number), &mut Wakes::default());
                     if model.len() == size {
                         lost += 1;
                         if overflow != Overflow::DropOldest { continue; }

@@ -26,6 +26,7 @@ use super::tap::{Heard, Tap, Taps};
 use super::wait::Waiter;
 use crate::model::fault::Fault;
 use crate::model::limits::{SPARE_BLOCKS, SPARE_LINKS};
+use crate::sys::bell::Wakes;
 use crate::sys::clock;
 
 /// One connection: an input port, and the checks on the way to it.
@@ -462,8 +463,19 @@ fn send(links: &[Link], sample: &Sample) -> Sent {
     if links.is_empty() {
         return Sent::Unconnected;
     }
-    links.iter().map(|link| answer(&link.target, link.target.push(Arc::clone(sample)))).fold(Sent::Ok, worse)
+    let (mut wakes, mut sent) = (Wakes::default(), Sent::Ok);
+    for (place, link) in links.iter().enumerate() {
+        // Many readers: what the next ones had on another processor is on its way while these are written to.
+        if let Some(later) = links.get(place + FETCHED_AHEAD) {
+            later.target.bring_near();
+        }
+        sent = worse(sent, answer(&link.target, link.target.push(Arc::clone(sample), &mut wakes)));
+    }
+    sent
 }
+
+/// Readers whose memory is on its way at a time: as many as it takes to write to while one line comes from another processor.
+const FETCHED_AHEAD: usize = 4;
 
 fn deliver_one(link: &Link, candidate: &Candidate<'_>, now_ns: u64) -> Sent {
     match link.checks.judge(&link.target.name, candidate, now_ns) {
@@ -487,7 +499,7 @@ fn take_in(target: &InPort, candidate: &Candidate<'_>, now_ns: u64) -> Sent {
 }
 
 fn push(target: &InPort, sample: Sample) -> Sent {
-    answer(target, target.take_in(sample))
+    answer(target, target.take_in(sample, &mut Wakes::default()))
 }
 
 #[inline]

@@ -91,6 +91,27 @@ impl Bell {
     }
 }
 
+/// Executors that are to be woken when all is done that several rings are for: once each, not once a ring, and not before, or
+/// their threads would take from this one, line by line, what it is still writing to.
+#[derive(Default)]
+pub struct Wakes<'a>(Option<&'a Bell>);
+
+impl<'a> Wakes<'a> {
+    fn add(&mut self, bell: &'a Bell) {
+        if let Some(before) = self.0.replace(bell)
+            && !std::ptr::eq(before, bell)
+        {
+            before.wake();
+        }
+    }
+}
+
+impl Drop for Wakes<'_> {
+    fn drop(&mut self) {
+        self.0.into_iter().for_each(Bell::wake);
+    }
+}
+
 /// Numbers that the executor's own thread rang for. Touched by no other thread; atomic all the same, because a callback
 /// may be ended at any instruction, and so that what a thread does that only shares its thread-locals is no undefined behaviour.
 struct Near {
@@ -257,6 +278,12 @@ impl Signal {
     /// Has the member looked at for reasons that were taken too early.
     #[inline]
     pub fn ring_again(&self, rings: Rings) {
+        self.ring_among(rings, &mut Wakes::default());
+    }
+
+    /// Has the member looked at; its executor is woken with the others.
+    #[inline]
+    pub fn ring_among<'a>(&'a self, rings: Rings, wakes: &mut Wakes<'a>) {
         let member = self.member.load(Ordering::Acquire);
         if member == usize::MAX || rings.is_empty() {
             return;
@@ -267,7 +294,7 @@ impl Signal {
         if self.far.fetch_or(rings.0, Ordering::AcqRel) == 0 {
             // Each member is in the queue at most once, so that it cannot be full.
             let _ = self.bell.far.push(member);
-            self.bell.wake();
+            wakes.add(&self.bell);
         }
     }
 

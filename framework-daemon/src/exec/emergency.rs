@@ -1,6 +1,6 @@
 //! The emergency stop: on the thread that saw the fault, at once. First the safe outputs of all actuators are written from
 //! there, then it is latched, then the actuators' executors are told, each of which enters `on_emergency`, stops its slot
-//! and writes its outputs once more. The latch outlives the daemon ([`latch`]): one that comes up latched writes the outputs
+//! and writes its outputs once more. The latch outlives the daemon ([`crate::sys::latch`]): one that comes up latched writes the outputs
 //! when they are registered, and starts no actuator.
 //!
 //! One for the process, as the outputs are. The latch and the outputs are atomics; the signals of the actuators lie behind a

@@ -4,7 +4,7 @@
 //! OPRoS knows severities and dependencies, and nothing of chains; the patents of its authors find the components that a fault
 //! affects along the dependency relation, and plan one recovery for all of them. Here the slot upstream that failed first is
 //! the root, and its answer is the answer. A follower is written down as a consequence and is not reset for garbage that it
-//! was fed, or for a silence that it only handed on. What is still wrong when [`CONSEQUENCE_WINDOW`] is over is a fault of its
+//! was fed, or for a silence that it only handed on. What is still wrong when `CONSEQUENCE_WINDOW` is over is a fault of its
 //! own.
 //!
 //! What may wait is what comes of inputs and leaves the instance sound: a bad value, silence, a vote or a comparison that is

@@ -4,6 +4,7 @@
 //! turns beside them, with blocks of their own, made when they first write.
 
 mod hand_on;
+mod readers;
 
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
@@ -13,11 +14,12 @@ use component_sdk::port::Sent;
 use component_sdk::status::Status;
 use crossbeam_queue::ArrayQueue;
 
+use self::readers::{deliver_one, push, send, worse};
 use super::block::Sample;
 use super::charge::Accused;
-use super::check::{self, Candidate, Checks, Verdict};
+use super::check::{Candidate, Checks, Verdict};
 use super::exchange::{Busy, Exchange};
-use super::input::{InPort, Pushed};
+use super::input::InPort;
 use super::pattern::outlet::{Cycle, Outlet};
 use super::pattern::provider::Openness;
 use super::pattern::subscriber::Turn;
@@ -26,7 +28,6 @@ use super::tap::{Heard, Tap, Taps};
 use super::wait::Waiter;
 use crate::model::fault::Fault;
 use crate::model::limits::{SPARE_BLOCKS, SPARE_LINKS};
-use crate::sys::bell::Wakes;
 use crate::sys::clock;
 
 /// One connection: an input port, and the checks on the way to it.
@@ -455,68 +456,6 @@ impl OutPort {
     fn aside(&self) -> MutexGuard<'_, Pool> {
         self.aside.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-/// Hands a value to every reader.
-#[inline]
-fn send(links: &[Link], sample: &Sample) -> Sent {
-    if links.is_empty() {
-        return Sent::Unconnected;
-    }
-    let (mut wakes, mut sent) = (Wakes::default(), Sent::Ok);
-    for (place, link) in links.iter().enumerate() {
-        // Many readers: what the next ones had on another processor is on its way while these are written to.
-        if let Some(later) = links.get(place + FETCHED_AHEAD) {
-            later.target.bring_near();
-        }
-        sent = worse(sent, answer(&link.target, link.target.push(Arc::clone(sample), &mut wakes)));
-    }
-    sent
-}
-
-/// Readers whose memory is on its way at a time: as many as it takes to write to while one line comes from another processor.
-const FETCHED_AHEAD: usize = 4;
-
-fn deliver_one(link: &Link, candidate: &Candidate<'_>, now_ns: u64) -> Sent {
-    match link.checks.judge(&link.target.name, candidate, now_ns) {
-        Verdict::Pass => take_in(&link.target, candidate, now_ns),
-        Verdict::Instead(held) => {
-            let share = || Some(Arc::clone(&held));
-            take_in(&link.target, &Candidate { value: held.value(), sample: &share, ..*candidate }, now_ns)
-        }
-        Verdict::Withhold => Sent::Dropped,
-    }
-}
-
-/// The reader's own checks, then its queue.
-fn take_in(target: &InPort, candidate: &Candidate<'_>, now_ns: u64) -> Sent {
-    let passed = match target.checks.judge(&target.name, candidate, now_ns) {
-        Verdict::Pass => (candidate.sample)(),
-        Verdict::Instead(held) => Some(held),
-        Verdict::Withhold => None,
-    };
-    passed.map_or(Sent::Dropped, |sample| push(target, sample))
-}
-
-fn push(target: &InPort, sample: Sample) -> Sent {
-    answer(target, target.take_in(sample, &mut Wakes::default()))
-}
-
-#[inline]
-fn answer(target: &InPort, pushed: Pushed) -> Sent {
-    match pushed {
-        Pushed::Kept | Pushed::OldestLost => Sent::Ok,
-        Pushed::NewestLost => Sent::Dropped,
-        Pushed::Overload => {
-            check::report_overload(&target.name);
-            Sent::Dropped
-        }
-    }
-}
-
-/// One reader that did not get it is told.
-fn worse(one: Sent, other: Sent) -> Sent {
-    if other == Sent::Ok { one } else { other }
 }
 
 #[cfg(test)]

@@ -6,7 +6,8 @@ use component_sdk::port::Sent;
 
 use super::super::block::Sample;
 use super::super::check::Candidate;
-use super::{Borrower, Link, OutPort, Table, Way, push, worse};
+use super::readers::{push, worse};
+use super::{Borrower, Link, OutPort, Table, Way};
 use crate::model::fault::Fault;
 
 impl OutPort {

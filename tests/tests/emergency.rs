@@ -181,6 +181,23 @@ fn a_component_connects_nothing_to_an_actuator_while_it_is_latched() {
 }
 
 #[test]
+fn whoever_clears_at_once_clears_what_it_was_raised_for() {
+    let robot = robot("", RULES);
+    let faults = [0.3, 1.3, 2.3].map(|at| format!("left:crash.segv@{at}"));
+    let arguments: Vec<&str> = faults.iter().flat_map(|fault| ["--inject", fault]).collect();
+    let daemon = Running::start(robot.profiles.path(), &arguments);
+    for _ in faults.iter() {
+        let answer = std::cell::RefCell::new(String::new());
+        daemon.until("somebody has cleared it", || {
+            let asked = ask(&daemon, "fault clear");
+            answer.replace(asked.out);
+            asked.code == Some(0)
+        });
+        assert_eq!(answer.into_inner(), "the emergency stop is cleared\nleft: active\nright: active\n");
+    }
+}
+
+#[test]
 fn clearing_starts_no_actuator_that_another_fault_stopped() {
     let robot = robot(RULES, "");
     let faults = ["--inject", "left:crash.segv@0.2", "--inject", "sensor:crash.segv@0.8"];

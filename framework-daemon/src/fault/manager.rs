@@ -15,13 +15,13 @@ use super::feed::Feed;
 use super::handle::{Cast, Handler, Line, Reasons};
 use super::journal::Journal;
 use super::ledger::{Ledger, Verdict};
-use super::order::Order;
+use super::order::{Order, Verb};
 use super::{ports, words};
 use crate::exec::emergency::{self, Notice};
 use crate::exec::recover::lost_events;
 use crate::exec::slot::Slot;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Memory, Outcome, RestartRequest, Stage};
-use crate::model::limits::{CONSEQUENCE_LINES, CONSEQUENCE_WINDOW, EMERGENCY_NOTICES, FAULT_EVENTS};
+use crate::model::limits::{CONSEQUENCE_LINES, CONSEQUENCE_WINDOW, EMERGENCY_KNOWN, EMERGENCY_NOTICES, FAULT_EVENTS};
 use crate::model::symptom::Symptom;
 use crate::model::time::nanoseconds;
 use crate::plugin::symbols::{Origin, Symbols};
@@ -217,7 +217,7 @@ impl Desk {
                     Err(_) => notices = crossbeam_channel::never(),
                 },
                 recv(wishes) -> wish => match wish {
-                    Ok(wish) => self.grant(wish),
+                    Ok(wish) => self.grant(wish, inbox),
                     Err(_) => wishes = crossbeam_channel::never(),
                 },
                 default(self.patience()) => self.take_consequences(),
@@ -253,7 +253,7 @@ impl Desk {
         }
     }
 
-    fn grant(&mut self, wish: Wish) {
+    fn grant(&mut self, wish: Wish, inbox: &Receiver<FaultEvent>) {
         match wish {
             Wish::Adopt(cast, done) => {
                 self.slots = cast.slots();
@@ -268,12 +268,25 @@ impl Desk {
                 let _ = done.send(());
             }
             Wish::Obey(order) => {
+                if order.verb == Verb::Clear {
+                    self.catch_up(inbox);
+                }
                 let obeyed = self.handler.obey(&order).map(|(answer, lines)| {
                     self.follow(lines);
                     answer
                 });
                 (order.answer)(obeyed);
             }
+        }
+    }
+
+    /// What the emergency stop was raised for is taken note of before it is taken back, or its slot would stay stopped for a fault
+    /// that nobody had cleared. It is on its way; that of a run before never comes.
+    fn catch_up(&mut self, inbox: &Receiver<FaultEvent>) {
+        let until = Instant::now() + EMERGENCY_KNOWN;
+        while emergency::latched() && !self.handler.knows_emergency() {
+            let Ok(event) = inbox.recv_deadline(until) else { return };
+            self.take(&event);
         }
     }
 

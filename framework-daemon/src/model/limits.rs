@@ -164,6 +164,8 @@ pub const CONSEQUENCE_LINES: usize = 64;
 pub const RECENT_FAULTS: usize = 64;
 /// Longest time that the fault manager waits for an executor that is to stop or start slots.
 pub const HANDLING_STEP: Duration = Duration::from_secs(2);
+/// Longest time that who clears the emergency stop waits for the fault that it was raised for to be written down.
+pub const EMERGENCY_KNOWN: Duration = Duration::from_millis(200);
 /// Notices of the emergency stop that wait to be written down.
 pub const EMERGENCY_NOTICES: usize = 256;
 /// Log records of components waiting to be written.

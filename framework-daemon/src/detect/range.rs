@@ -10,13 +10,20 @@ pub struct Bounds {
 }
 
 impl Bounds {
+    /// True where `value` lies within. What is not a number lies nowhere, and within a bound that is none lies nothing.
+    #[must_use]
+    #[inline]
+    pub fn hold(&self, value: f64) -> bool {
+        // Both false where either is no number.
+        value >= self.min && value <= self.max
+    }
+
     /// The bound that `value` crosses; `None`: it lies within. What is not a number lies nowhere, and within a bound that is none
     /// lies nothing; what is infinite lies where its side is open.
     #[must_use]
     #[inline]
     pub fn crossed(&self, value: f64) -> Option<f64> {
-        // Both false where either is no number.
-        if value >= self.min && value <= self.max {
+        if self.hold(value) {
             return None;
         }
         Some(if value.is_nan() {

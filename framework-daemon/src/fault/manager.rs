@@ -286,7 +286,7 @@ impl Desk {
         let until = Instant::now() + EMERGENCY_KNOWN;
         while emergency::latched() && !self.handler.knows_emergency() {
             let Ok(event) = inbox.recv_deadline(until) else { return };
-            self.take(&event);
+            self.receive(event);
         }
     }
 

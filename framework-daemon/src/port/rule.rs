@@ -242,8 +242,7 @@ impl Plain {
     #[allow(unsafe_code, reason = "as `find`")]
     pub(super) unsafe fn holds(&self, object: *const u8) -> bool {
         // SAFETY: by contract; it lies in place.
-        let value = unsafe { self.path.in_place(object) };
-        value >= self.bounds.min && value <= self.bounds.max
+        self.bounds.hold(unsafe { self.path.in_place(object) })
     }
 }
 

@@ -5,7 +5,7 @@ use component_sdk::abi::calls::{Lent, Wait as Time, Whose};
 use component_sdk::status::Status;
 
 use super::awaited::{Awaited, End};
-use super::model::{Call, EVENT_GATE, PORTS, PUSH_GATE, SENDS, refusal};
+use super::model::{Call, EVENT_GATE, PORTS, PUSH_GATE, SENDS, old_number, refusal};
 use super::script::{Actor, Way};
 
 /// What the answer to a question is.
@@ -224,13 +224,7 @@ impl Actor<'_> {
 
     /// A number that is not good any more stays so.
     pub(super) fn stale(&self, nth: usize) {
-        let stale = {
-            let mut model = self.world.model();
-            let stale = &mut model.slots[self.slot].instance.stale;
-            let excess = stale.len().saturating_sub(32);
-            stale.drain(..excess);
-            stale.get(nth % stale.len().max(1)).copied()
-        };
+        let stale = old_number(&mut self.world.model().slots[self.slot].instance.stale, nth);
         let Some((port, id)) = stale else { return };
         let requestor = &self.ends.requestors[port];
         self.world.same(|| "receiving by an old number".to_owned(), self.look(port, id), Err(Status::WrongId));

@@ -8,6 +8,7 @@ use framework_daemon::port::pattern::event_client::EventClient;
 use framework_daemon::port::pattern::event_server::EventServer;
 
 use super::awaited::Awaited;
+use super::model::old_number;
 use super::naive_events::Activation;
 use super::script::{Actor, Way};
 
@@ -131,13 +132,7 @@ impl Actor<'_> {
 
     /// A number that is not good any more stays so.
     fn ask_by_old_number(&self, nth: usize) {
-        let id = {
-            let mut model = self.world.model();
-            let stale = &mut model.slots[self.slot].instance.stale_asked;
-            let excess = stale.len().saturating_sub(32);
-            stale.drain(..excess);
-            stale.get(nth % stale.len().max(1)).copied()
-        };
+        let id = old_number(&mut self.world.model().slots[self.slot].instance.stale_asked, nth);
         let Some(id) = id else { return };
         let client = self.client();
         let fetched = client.fetch(id, Which::Present, self.patience(), &self.here()).status;

@@ -345,3 +345,10 @@ impl Model {
         false
     }
 }
+
+/// One of the numbers that are not good any more; the newest 32 are kept.
+pub(super) fn old_number<T: Copy>(numbers: &mut Vec<T>, nth: usize) -> Option<T> {
+    let excess = numbers.len().saturating_sub(32);
+    numbers.drain(..excess);
+    numbers.get(nth % numbers.len().max(1)).copied()
+}

@@ -6,7 +6,7 @@ use component_sdk::status::Status;
 
 use super::awaited::{Awaited, taker};
 use super::client::told;
-use super::model::{InHand, SERVERS};
+use super::model::{InHand, SERVERS, old_number};
 use super::script::{Actor, Way};
 
 /// Place of the server that answers among a slot's, and of the one that takes messages.
@@ -152,13 +152,7 @@ impl Actor<'_> {
 
     /// A number that is not good any more stays so.
     pub(super) fn answer_stale(&self, nth: usize) {
-        let id = {
-            let mut model = self.world.model();
-            let stale = &mut model.slots[self.slot].instance.stale_kept;
-            let excess = stale.len().saturating_sub(32);
-            stale.drain(..excess);
-            stale.get(nth % stale.len().max(1)).copied()
-        };
+        let id = old_number(&mut self.world.model().slots[self.slot].instance.stale_kept, nth);
         let Some((server, id)) = id else { return };
         let provider = &self.ends.providers[server];
         self.world.same(|| "answering by an old number".to_owned(), provider.answer(id), Err(Status::WrongId));

@@ -74,6 +74,41 @@ fn one_fails_and_one_drifts_and_where_no_two_agree_nothing_is_handed_on() {
 }
 
 #[test]
+fn all_of_them_fall_silent_at_once_and_the_voter_tells_of_it_once_and_of_the_end() {
+    // Nobody is left in whose callback it could be voted. Where the voter has no age of its own, only the loss is told.
+    for (age, stale) in [("max_age=\"1s\"", 3), ("", 0)] {
+        let profiles = sonars(["7x60 -x400 7"; 3], "", &format!("tolerance=\"1\" {age}"));
+        let mut daemon = Running::start(profiles.path(), &[]);
+        let of_voter = |kind: &str| -> Vec<Value> {
+            daemon.entries(kind).into_iter().filter(|entry| entry["slot"] == "sonar").collect()
+        };
+        daemon.until("the voter has its members again", || !of_voter("healed").is_empty());
+        let lost = of_voter("fault").remove(0);
+        assert_eq!((lost["symptom"].as_str(), lost["class"].as_str()), (Some("vote"), Some("voting")), "{lost}");
+        let evidence = &lost["evidence"];
+        assert_eq!((evidence["kind"].as_str(), evidence["require"].as_u64()), (Some("quorum"), Some(2)), "{evidence}");
+        assert!(evidence["agreeing"].as_u64() < Some(2), "one falls silent a moment before the next: {evidence}");
+        let before = heard(&daemon).len();
+        daemon.wait_for_lines("distance ", before + 5);
+        daemon.stop();
+        assert_eq!(daemon.entries("fault").iter().filter(|fault| fault["symptom"] == "stale").count(), stale, "{age}");
+        assert_eq!((daemon.entries("fault").len(), daemon.entries("healed").len()), (stale + 1, stale + 1), "{age}");
+    }
+}
+
+#[test]
+fn members_that_never_say_a_word_are_missed_as_well() {
+    let profiles = sonars(["-"; 3], "", "tolerance=\"1\" max_age=\"200ms\"");
+    let mut daemon = Running::start(profiles.path(), &[]);
+    let faults = daemon.journal("fault", 4);
+    let mut slots = of(&faults, "slot");
+    slots.sort_unstable();
+    assert_eq!(slots, ["left", "middle", "right", "sonar"]);
+    daemon.stop();
+    assert_eq!(daemon.entries("fault").len(), 4);
+}
+
+#[test]
 fn who_agrees_again_is_healed_and_the_rules_of_the_outvoted_answer() {
     let rules = "<severity symptom=\"vote\">reset</severity><reset limit=\"100\" within=\"1s\"/>";
     let profiles = sonars(["7", "7", "7x100 90x20 7"], rules, "tolerance=\"1\"");

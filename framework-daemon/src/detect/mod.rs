@@ -15,6 +15,9 @@ pub mod model_diff;
 /// Redundant values, one of which is handed on.
 pub mod vote;
 
+/// A vote that goes on: who is silent, and since when who is at odds with the others.
+pub mod poll;
+
 /// Whether memory may be damaged after a fault.
 pub mod taint;
 

@@ -3,16 +3,21 @@
 //! The voter has an output as a slot has, but no thread and no instance: it votes in the callback of the member that completes a
 //! round, and hands the winner's block on as it is. What its readers find wrong with that is the winner's fault, not that of
 //! the member in whose callback it was found.
+//!
+//! That nobody speaks any more no member's callback can find: a clock looks at the voter, too
+//! ([`Voter::look`](crate::port::voter::Voter::look)). As long as members speak that is one word that it reads, and no lock.
 
 use std::array;
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 use super::block::Sample;
 use super::charge::{self, Accused};
 use super::check;
 use super::output::OutPort;
 use super::tap::{Heard, Probe, Tap};
-use crate::detect::vote::{Demand, Members, Poll, Vote};
+use crate::detect::poll::{Demand, Poll, Vote};
+use crate::detect::vote::Members;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Label, Outcome, Stage, Times};
 use crate::model::ladder::Answer;
 use crate::model::limits::VOTERS;
@@ -50,6 +55,8 @@ pub struct Parts {
 /// A voter.
 pub struct Voter {
     parts: Parts,
+    /// When somebody has been silent for too long, unless he is heard before.
+    due_ns: AtomicU64,
     // Held while plain numbers are compared and counts change: no memory of a plugin is touched meanwhile.
     state: Mutex<State>,
 }
@@ -79,7 +86,7 @@ impl Voter {
         let poll = Poll::new(parts.demand, parts.members.len());
         let newest = array::from_fn(|_| None);
         let state = Mutex::new(State { poll, newest, votes: 0, last: None, blamed: Members::default() });
-        let voter = Arc::new(Self { parts, state });
+        let voter = Arc::new(Self { parts, due_ns: AtomicU64::new(u64::MAX), state });
         voter.parts.output.belong_to(Arc::new(Spokesman(Arc::downgrade(&voter))));
         voter
     }
@@ -93,7 +100,7 @@ impl Voter {
     /// What it did lately.
     #[must_use]
     pub fn tally(&self) -> Tally {
-        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let state = self.state();
         Tally { votes: state.votes, last: state.last }
     }
 
@@ -103,10 +110,46 @@ impl Voter {
         Arc::new(Ear { voter: Arc::clone(self), member, probe })
     }
 
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Its members are to speak from now on, if that is not known yet.
+    pub fn expect(&self, now_ns: u64) {
+        let mut state = self.state();
+        state.poll.expect(now_ns);
+        self.set_due(&state.poll);
+    }
+
+    /// Looks who has fallen silent, if it is time; when to look next. On a clock's thread: no component's code runs there.
+    pub fn look(&self, now_ns: u64) -> u64 {
+        if now_ns >= self.due_ns.load(Ordering::Acquire) {
+            self.find_silence(now_ns);
+        }
+        // Whoever is heard after this is silent for too long no sooner than that.
+        self.due_ns.load(Ordering::Acquire).min(now_ns.saturating_add(self.parts.demand.max_age_ns))
+    }
+
+    fn find_silence(&self, now_ns: u64) {
+        let mut state = self.state();
+        let heard_ns = array::from_fn(|member| state.poll.heard_ns(member).unwrap_or(now_ns));
+        let changes = state.poll.look(now_ns);
+        state.last = changes.or(state.last);
+        self.set_due(&state.poll);
+        drop(state);
+        if let Some(changes) = changes {
+            self.tell(&changes, &heard_ns, now_ns);
+        }
+    }
+
+    fn set_due(&self, poll: &Poll) {
+        self.due_ns.store(poll.due_ns().unwrap_or(u64::MAX), Ordering::Release);
+    }
+
     fn deliver(&self, member: usize, value: f64, heard: &Heard<'_>) {
         let now_ns = heard.at_ns();
         let sample = heard.sample();
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = self.state();
         let before = state.newest.get_mut(member).and_then(|newest| std::mem::replace(newest, sample));
         let vote = state.poll.deliver(member, value, now_ns);
         let winner = vote.and_then(|vote| vote.passes);
@@ -115,6 +158,7 @@ impl Voter {
             state.votes += 1;
             state.last = vote;
         }
+        self.set_due(&state.poll);
         let heard_ns = vote.map(|_| array::from_fn(|member| state.poll.heard_ns(member).unwrap_or(now_ns)));
         drop(state);
         // The last holder of an object frees the memory of a plugin.
@@ -198,7 +242,7 @@ impl Voter {
     }
 
     fn accused(&self, fault: &Fault) -> Members {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = self.state();
         let winner = state.last.and_then(|vote| vote.outcome.winner).map(|(winner, _)| winner);
         let Evidence::Silence { max_age_ns, .. } = fault.evidence else { return winner.into_iter().collect() };
         if fault.stage != Stage::Confirmed {
@@ -254,8 +298,9 @@ impl Tap for Ear {
     }
 
     fn begins_anew(&self) {
-        let mut state = self.voter.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = self.voter.state();
         state.poll.begin(self.member);
+        self.voter.set_due(&state.poll);
         let before = state.newest.get_mut(self.member).and_then(Option::take);
         drop(state);
         drop(before);

@@ -77,7 +77,9 @@ pub fn boot_unless(
     let workshop = workshop.map_err(|error| BootError::Failed(vec![format!("workshop: no thread: {error}")]))?;
     let (executors, slots, registry) = (HashMap::new(), Vec::new(), Arc::clone(registry::shared()));
     let (monitors, helpers) = (Monitors::default(), Helpers::default());
-    let mut system = System { plan, executors, slots, monitors, helpers, registry, catalogue, workshop, faults, keep };
+    let watch = None;
+    let mut system =
+        System { plan, executors, slots, monitors, watch, helpers, registry, catalogue, workshop, faults, keep };
     let plan = Arc::clone(&system.plan);
     let blueprints = draw(&plan.slots, &system.catalogue).map_err(BootError::Plugins)?;
     match bring_up(&mut system, blueprints, given_up) {
@@ -123,13 +125,16 @@ fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>, given_up: &Atom
     wiring::announce(&system.registry, &system.slots, &system.helpers, &system.plan.composites);
     wiring::apply(&wiring, &system.slots);
     helpers::apply(&system.helpers, &system.slots);
-    system.follow(monitors);
+    let helpers = system.helpers.clone();
+    system.follow(monitors, &helpers);
     rank(&system.slots, &helpers::flow(&system.plan));
     go_on()?;
     if let Some(keep) = &system.keep {
         keep.put_in_place();
     }
-    start(&system.plan, &system.slots, |_| true).map_err(|reason| BootError::Failed(vec![reason]))
+    start(&system.plan, &system.slots, |_| true).map_err(|reason| BootError::Failed(vec![reason]))?;
+    system.helpers.expect();
+    Ok(())
 }
 
 /// Where plugins are looked for: the command line's directories first.

@@ -9,8 +9,9 @@ use component_sdk::object::path::PathError;
 
 use super::blueprint::Blueprint;
 use super::system::Placed;
+use super::watch::Look;
 use super::wiring::{at, complain};
-use crate::detect::{model_diff, vote};
+use crate::detect::{model_diff, poll};
 use crate::model::fault::{FaultSender, Label};
 use crate::model::limits::VOTER_AGE;
 use crate::model::names;
@@ -22,6 +23,7 @@ use crate::port::pattern::provider::Openness;
 use crate::port::tap::{Probe, Tap};
 use crate::port::voter::{Member, Parts, Voter};
 use crate::profile::plan::{ConnectionPlan, Location, Plan, PortKind, PortRef, ReferenceModelPlan, VotingPlan};
+use crate::sys::clock;
 
 /// An ear, and the port that it is put at.
 #[derive(Clone)]
@@ -61,6 +63,20 @@ impl Helpers {
         let named =
             |voter: &&Inserted<VotingPlan, Voter>| voter.plan.name.as_ref() == Some(slot) && voter.plan.port == *port;
         self.voters.iter().find(named).map(|voter| &voter.helper.parts().output)
+    }
+
+    /// From now on, if not before, the members of voters are to speak: all that start by themselves have been started.
+    pub fn expect(&self) {
+        let now_ns = clock::now_ns();
+        self.voters.iter().for_each(|voter| voter.helper.expect(now_ns));
+    }
+
+    /// Who looks for silence at the voters.
+    pub fn looks(&self) -> impl Iterator<Item = Look> {
+        self.voters.iter().map(|voter| {
+            let voter = Arc::clone(&voter.helper);
+            Box::new(move |now_ns| voter.look(now_ns)) as Look
+        })
     }
 
     /// Voters that others may connect to, with their names.
@@ -134,7 +150,7 @@ fn voter(
     output.set_open(Openness::Serving);
     let helper = Voter::new(Parts {
         name: names::intern(plan.name.as_deref().unwrap_or("voting")),
-        demand: vote::Demand {
+        demand: poll::Demand {
             method: plan.method,
             tolerance: plan.tolerance,
             max_age_ns: nanoseconds(plan.max_age.unwrap_or(VOTER_AGE)),

@@ -33,6 +33,9 @@ pub mod interfaces;
 /// What watches ports for the framework.
 pub mod monitors;
 
+/// One thread that looks for silence.
+pub mod watch;
+
 /// The set of live things.
 pub mod system;
 

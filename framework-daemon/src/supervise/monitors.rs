@@ -2,17 +2,15 @@
 //!
 //! A monitor is an input of the framework's own, connected to the watched output, or to the outputs that are connected to the
 //! watched input; its checks find what is wrong with what arrives there, and charge the writer. It only looks: readers
-//! get what they would get without it. Silence, which nobody's callback would notice, is looked for by one thread for all
-//! monitors, and only where one has a `max_age`.
+//! get what they would get without it. Silence is looked for where one has a `max_age` ([`watch`](super::watch)).
 
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
-use std::time::Duration;
+use std::sync::Arc;
 
 use component_sdk::object::TypeDescriptor;
 
 use super::blueprint::Blueprint;
 use super::system::Placed;
+use super::watch::Look;
 use super::wiring::{at, complain, describe};
 use crate::exec::silence::Vigil;
 use crate::model::fault::Label;
@@ -22,7 +20,6 @@ use crate::port::input::InPort;
 use crate::port::output::OutPort;
 use crate::port::wiring::{self, Planned};
 use crate::profile::plan::{MonitorPlan, OnInvalid, Plan, PortKind, PortRef, Queue, Validity};
-use crate::sys::{clock, thread};
 
 /// What the name of a monitor's input begins with.
 pub const MONITOR: &str = "monitor of ";
@@ -31,25 +28,12 @@ pub const MONITOR: &str = "monitor of ";
 #[derive(Default)]
 pub struct Monitors {
     posts: Vec<Post>,
-    watch: Option<Watch>,
 }
 
 struct Post {
     plan: MonitorPlan,
     input: Arc<InPort>,
     writers: Vec<Arc<OutPort>>,
-}
-
-/// What watches those that wait for values.
-struct Watch {
-    shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
-}
-
-struct Shared {
-    vigils: Mutex<Vec<(Arc<InPort>, Vigil)>>,
-    over: Mutex<bool>,
-    ended: Condvar,
 }
 
 /// Builds the monitors of a plan. One that was there before and is wanted as it is stays, with what it remembers.
@@ -64,7 +48,7 @@ pub fn build(before: &Monitors, plan: &Plan, slots: &[Placed]) -> Result<Monitor
             Err(reason) => errors.push(at(&monitor.location, &reason)),
         }
     }
-    if errors.is_empty() { Ok(Monitors { posts, watch: None }) } else { Err(errors) }
+    if errors.is_empty() { Ok(Monitors { posts }) } else { Err(errors) }
 }
 
 fn post(before: &Monitors, monitor: &MonitorPlan, plan: &Plan, slots: &[Placed]) -> Result<Post, String> {
@@ -140,10 +124,7 @@ pub fn check(monitors: &[MonitorPlan], blueprints: &[Blueprint<'_>]) -> Vec<Stri
 impl Monitors {
     /// Puts them to work in the place of those before.
     pub fn follow(&mut self, before: Self) {
-        // Its thread first: two that look at one port would tell twice.
-        let Self { posts, watch } = before;
-        drop(watch);
-        for old in posts {
+        for old in before.posts {
             let stays = self.posts.iter().any(|post| Arc::ptr_eq(&post.input, &old.input));
             if !stays && wiring::detach(&old.input).is_err() {
                 complain(&old.plan.port.slot, &old.input.name);
@@ -155,65 +136,18 @@ impl Monitors {
                 complain(&post.plan.port.slot, &post.input.name);
             }
         }
-        self.watch = self.watched().and_then(|vigils| match Watch::start(vigils) {
-            Ok(watch) => Some(watch),
-            Err(error) => {
-                tracing::error!("monitors: no thread: silence at their ports is not noticed: {error}");
-                None
-            }
-        });
     }
 
-    fn watched(&self) -> Option<Vec<(Arc<InPort>, Vigil)>> {
+    /// Who looks for silence at those that wait for values.
+    pub fn looks(&self) -> impl Iterator<Item = Look> {
         let inputs = self.posts.iter().map(|post| &post.input).filter(|input| input.hearing().is_some());
-        let vigils: Vec<_> = inputs.map(|input| (Arc::clone(input), Vigil::default())).collect();
-        (!vigils.is_empty()).then_some(vigils)
+        inputs.map(|input| {
+            let (input, mut vigil) = (Arc::clone(input), Vigil::default());
+            let look = move |_| {
+                vigil.look(|| Label::new(&input.name), &input);
+                vigil.due_ns()
+            };
+            Box::new(look) as Look
+        })
     }
-}
-
-impl Watch {
-    fn start(vigils: Vec<(Arc<InPort>, Vigil)>) -> std::io::Result<Self> {
-        let shared = Arc::new(Shared { vigils: Mutex::new(vigils), over: Mutex::new(false), ended: Condvar::new() });
-        let own = Arc::clone(&shared);
-        let thread = thread::spawn("monitors", move || own.run())?;
-        Ok(Self { shared, thread: Some(thread) })
-    }
-}
-
-impl Drop for Watch {
-    fn drop(&mut self) {
-        *lock(&self.shared.over) = true;
-        self.shared.ended.notify_all();
-        // It ends at once: it holds nothing that others wait for.
-        self.thread.take().into_iter().for_each(|thread| _ = thread.join());
-    }
-}
-
-impl Shared {
-    fn run(&self) {
-        loop {
-            let due_ns = self.look();
-            let over = lock(&self.over);
-            if *over {
-                return;
-            }
-            let pause = Duration::from_nanos(due_ns.saturating_sub(clock::now_ns()));
-            let waited = self.ended.wait_timeout_while(over, pause, |over| !*over);
-            drop(waited.unwrap_or_else(PoisonError::into_inner));
-        }
-    }
-
-    /// Looks at those whose time has come; when to look next.
-    fn look(&self) -> u64 {
-        let mut vigils = lock(&self.vigils);
-        let now_ns = clock::now_ns();
-        for (input, vigil) in vigils.iter_mut().filter(|(_, vigil)| vigil.due_ns() <= now_ns) {
-            vigil.look(|| Label::new(&input.name), input);
-        }
-        vigils.iter().map(|(_, vigil)| vigil.due_ns()).min().unwrap_or(u64::MAX)
-    }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -160,7 +160,7 @@ fn commit(system: &mut System, prepared: Prepared, changes: &Changes) -> Vec<Str
     wiring::disconnect(&leaving);
     wiring::apply(&wiring, &slots);
     helpers::apply(&helpers, &slots);
-    system.follow(monitors);
+    system.follow(monitors, &helpers);
     for old in &leaving {
         warn_if_stuck(old, old.executor.remove(old.member, STEP).is_err());
     }
@@ -170,6 +170,7 @@ fn commit(system: &mut System, prepared: Prepared, changes: &Changes) -> Vec<Str
     if let Err(reason) = boot::start(&system.plan, &system.slots, is_new) {
         tracing::error!("{reason}");
     }
+    system.helpers.expect();
     drop(leaving);
     drop_unused_executors(system);
     taken_up

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::catalogue::Catalogue;
 use super::helpers::Helpers;
 use super::monitors::Monitors;
+use super::watch::Watch;
 use crate::exec::executor::Executor;
 use crate::exec::keep::Keep;
 use crate::exec::slot::Slot;
@@ -47,6 +48,8 @@ pub struct System {
     pub helpers: Helpers,
     /// What watches their ports.
     pub monitors: Monitors,
+    /// Who looks for silence at monitors and voters.
+    pub watch: Option<Watch>,
     /// Their ports, for who wires at run time.
     pub registry: Arc<Registry>,
     /// Where plugins come from.
@@ -60,10 +63,16 @@ pub struct System {
 }
 
 impl System {
-    /// Puts these monitors in the place of those before.
-    pub fn follow(&mut self, mut monitors: Monitors) {
+    /// Puts these monitors in the place of those before, and looks for silence at them and at these voters.
+    pub fn follow(&mut self, mut monitors: Monitors, helpers: &Helpers) {
+        // Its thread first: two that look at one port would tell twice.
+        self.watch = None;
         monitors.follow(std::mem::take(&mut self.monitors));
         self.monitors = monitors;
+        self.watch = Watch::start(self.monitors.looks().chain(helpers.looks()).collect()).unwrap_or_else(|error| {
+            tracing::error!("monitors: no thread: silence at their ports, and of voters, is not noticed: {error}");
+            None
+        });
     }
 
     /// The slot of that name.

@@ -15,7 +15,7 @@ use crate::control::{Control, ReloadOrder, Reloaded, views};
 use crate::exec::emergency;
 use crate::exec::keep::Keep;
 use crate::fault::journal::Journal;
-use crate::fault::manager::{self, Manager, SharedJournal};
+use crate::fault::manager::{self, Manager, Outlook, SharedJournal};
 use crate::model::fault::RestartRequest;
 use crate::model::limits::SHUTDOWN_STEP;
 use crate::profile::diagnostic::Diagnostic;
@@ -117,6 +117,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
         let error = RunError::Profiles(diagnostics);
         // A journal that cannot be written either is no news to whoever wrote the profiles.
         let _ = Journal::open(&settings.journal)
+            .and_then(|journal| journal.claim().map(|()| journal))
             .map(|journal| refuse(&Arc::new(Mutex::new(journal)), settings, &error.reasons()));
         error
     })?;
@@ -146,9 +147,10 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
             return Err(RunError::Failed(vec![reason]));
         }
     };
-    restore_latch(settings, &journal);
+    let mut plan = loaded.plan;
+    last_run::restore_latch(settings, &mut plan, &journal);
     let keep = open_keep(settings);
-    let plan = Arc::new(loaded.plan);
+    let plan = Arc::new(plan);
     let risen = rise::rise(plan, settings.plugins.clone(), faults, keep.clone(), &requests)?;
     let (system, reload) = match risen {
         Risen::Up { system, reload } => (*system, reload),
@@ -170,9 +172,10 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
     }
     note(&journal, "start", &fields);
     manager.adopt(boot::cast(&system.plan, &system.slots));
+    latch::describe(last_run::record(settings, &system.plan));
     control.publish(&system);
     // Nobody may be listening any more; the robot runs all the same.
-    let _ = announce(&system, out);
+    let _ = announce(&system, &manager.outlook(), out);
     let pending = drill::sorted(&settings.injections);
     let mut daemon = Daemon { settings, system, journal, manager, control, keep, began: Instant::now(), pending };
     if reload {
@@ -183,6 +186,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
 
 fn open_journal(settings: &Settings) -> Result<SharedJournal, RunError> {
     let journal = Journal::open(&settings.journal);
+    let journal = journal.and_then(|journal| journal.claim().map(|()| journal));
     let journal =
         journal.map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
     last_words::prepare(journal.as_fd())?;
@@ -190,21 +194,6 @@ fn open_journal(settings: &Settings) -> Result<SharedJournal, RunError> {
         tracing::warn!("{told}");
     }
     Ok(Arc::new(Mutex::new(journal)))
-}
-
-/// The emergency stop stays latched until an operator clears it, whatever ended the run before.
-fn restore_latch(settings: &Settings, journal: &SharedJournal) {
-    let path = latch::beside(&settings.journal);
-    match latch::keep(&path, settings.fresh) {
-        Ok(false) => {}
-        Ok(true) => {
-            tracing::error!(
-                "EMERGENCY STOP: the run before left it latched; actuators stay stopped until `fault clear`"
-            );
-            note(journal, "emergency", &json!({"step": "restored"}));
-        }
-        Err(error) => tracing::warn!("{}: {error}; an emergency stop does not outlive the daemon", path.display()),
-    }
 }
 
 /// The file of checkpoints; where it cannot be had the robot runs all the same.
@@ -246,8 +235,12 @@ fn refuse(journal: &SharedJournal, settings: &Settings, reasons: &[String]) {
 }
 
 /// One line for whoever waits for it.
-fn announce(system: &System, out: &mut impl Write) -> std::io::Result<()> {
-    let slots: Vec<_> = system.slots.iter().map(|placed| placed.slot.name).collect();
+fn announce(system: &System, outlook: &Outlook, out: &mut impl Write) -> std::io::Result<()> {
+    let slots = system.slots.iter().map(|placed| placed.slot.name).map(|name| match outlook.reason(name) {
+        Some(reason) => format!("{name} (held: {reason})"),
+        None => name.to_owned(),
+    });
+    let slots: Vec<_> = slots.collect();
     writeln!(out, "ready: {} slots on {} executors: {}", slots.len(), system.executors.len(), slots.join(", "))?;
     out.flush()
 }
@@ -379,6 +372,7 @@ impl Daemon<'_> {
         match &result {
             Ok(changes) => {
                 self.manager.restart_on_taint(self.system.plan.system.on_taint == OnTaint::Restart);
+                latch::describe(last_run::record(self.settings, &self.system.plan));
                 tracing::info!("{changes}");
                 let mut fields = json!({"accepted": true, "added": changes.added, "changed": changes.changed,
                     "removed": changes.removed, "kept": changes.kept});

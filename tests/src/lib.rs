@@ -6,6 +6,9 @@ pub mod asking;
 /// Benchmarks.
 pub mod bench;
 
+/// A robot with two actuators.
+pub mod brakes;
+
 /// The torture campaign.
 pub mod campaign;
 

@@ -238,10 +238,12 @@ fn where_there_is_no_file_to_be_had_it_runs_all_the_same() {
 }
 
 #[test]
-fn a_second_daemon_on_the_same_journal_keeps_to_its_heap() {
+fn a_second_daemon_with_the_same_file_keeps_to_its_heap() {
     let counter = Counter::new();
     let mut first = counter.run(&[]);
-    let mut second = counter.run(&[]);
+    let (journal, file) = (counter.scratch.path().join("other.jsonl"), counter.file());
+    let shared = ["--checkpoints", file.to_str().unwrap()];
+    let mut second = Running::spawn_on(&journal, counter.profiles.path(), &shared).ready();
     second.wait_for("another daemon keeps its checkpoints in it");
     second.stop();
     assert!(counter.file().exists(), "the first one's is untouched");

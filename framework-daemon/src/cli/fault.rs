@@ -114,7 +114,12 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
         Verb::Show { seq, remote } => fault_show::run(*seq, remote, out),
         Verb::Clear { remote } => remote.ask_patiently("ClearEmergency", Map::new(), out, |answer| {
             let actuators = answer["actuators"].as_array().into_iter().flatten().map(ordered);
-            std::iter::once("the emergency stop is cleared".to_owned()).chain(actuators).collect()
+            let head = match super::status::raised_for(&answer["cause"]) {
+                raised if raised.is_empty() => "the emergency stop is cleared".to_owned(),
+                raised => format!("the emergency stop{raised} is cleared"),
+            };
+            let failure = answer["failure"].as_str().map(|why| format!("but the next run may come up latched: {why}"));
+            std::iter::once(head).chain(failure).chain(actuators).collect()
         }),
         Verb::Follow { slot, last, count, remote } => {
             remote.follow("Follow", asked(slot, *last), *count, out, followed)

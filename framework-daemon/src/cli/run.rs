@@ -39,7 +39,7 @@ pub struct Arguments {
     /// Plugin directory, searched before those that the profiles name; may be repeated.
     #[arg(long, value_name = "DIR")]
     pub plugins: Vec<PathBuf>,
-    /// Journal of faults, starts and reloads: JSON lines, appended
+    /// Journal of faults, starts and reloads: JSON lines, appended; no two daemons may share one
     /// [default: $XDG_STATE_HOME/framework-daemon/journal.jsonl].
     #[arg(long, value_name = "FILE")]
     pub journal: Option<PathBuf>,

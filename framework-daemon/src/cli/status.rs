@@ -3,12 +3,14 @@
 use std::io::{self, Write};
 
 use clap::Args;
-use serde_json::Map;
+use serde::Deserialize;
+use serde_json::{Map, Value};
 
 use super::exit_code::Exit;
 use super::remote::Remote;
 use crate::control::helpers;
 use crate::control::views::{cell, status_table};
+use crate::sys::latch::Cause;
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon status\n  \
      framework-daemon status --format json | jq '.slots[] | select(.faults > 0) | .slot'\n\n\
@@ -33,13 +35,24 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     arguments.remote.ask("Status", Map::new(), out, |status| {
         let head = format!("{}: {}, process {}", cell(&status["directory"]), cell(&status["state"]), status["pid"]);
         let head = if status["emergency"] == true {
-            format!("EMERGENCY STOP latched (`fault clear` takes it back); {head}")
+            format!(
+                "EMERGENCY STOP latched{} (`fault clear` takes it back); {head}",
+                raised_for(&status["latch"]["cause"])
+            )
         } else {
             head
         };
+        let unkept = status["latch"]["failure"].as_str();
+        let unkept = unkept.map(|why| format!("an emergency stop would not outlive the daemon: {why}"));
         let slots = status["slots"].as_array().map(Vec::as_slice).unwrap_or_default();
         let helpers = status["helpers"].as_array().map(Vec::as_slice).unwrap_or_default();
-        let all = std::iter::once(head).chain(status_table(slots, &status["process"]));
+        let all = std::iter::once(head).chain(unkept).chain(status_table(slots, &status["process"]));
         all.chain(helpers::lines(helpers)).collect::<Vec<String>>()
     })
+}
+
+/// ` for crash.segv of sensor (fault 12, 9 h ago)`, where that is known.
+pub(super) fn raised_for(cause: &Value) -> String {
+    let cause = Cause::deserialize(cause);
+    cause.map(|cause| format!(" for {cause}")).unwrap_or_default()
 }

@@ -12,6 +12,7 @@ use crate::exec::emergency;
 use crate::fault::manager::Outlook;
 use crate::fault::order::Refused;
 use crate::port::{registry, wiring};
+use crate::sys::latch;
 
 /// All that the control socket looks at.
 pub(super) struct Sight {
@@ -85,7 +86,7 @@ impl Sight {
         let slots: Vec<Value> =
             entries.map(|entry| views::of_running(&entry.slot, &entry.shelf, &self.outlook)).collect();
         let helpers: Vec<Value> = directory.iter().flat_map(|directory| helpers::all(directory)).collect();
-        json!({"state": self.board.phase().name(), "emergency": emergency::latched(), "directory": self.profiles.to_string_lossy(), "pid": std::process::id(),
+        json!({"state": self.board.phase().name(), "emergency": emergency::latched(), "latch": latch::view(), "directory": self.profiles.to_string_lossy(), "pid": std::process::id(),
             "slots": slots, "helpers": helpers, "process": views::of_process(self.outlook.ledger())})
     }
 

@@ -1,8 +1,13 @@
-//! How the last run on this journal ended, as far as its last line tells.
+//! How the last run on this journal ended, as far as its last line tells; and the emergency stop that it left latched.
 
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
+use super::{Settings, note};
+use crate::fault::manager::SharedJournal;
 use crate::model::fault::TrapEvidence;
+use crate::model::limits::ACTUATORS;
+use crate::profile::plan::Plan;
+use crate::sys::latch::{self, Left, Record};
 
 /// What is to be said of a run whose last line in the journal this is; `None`: it ended in order.
 #[must_use]
@@ -27,6 +32,63 @@ pub(super) fn tell(last: &Map<String, Value>) -> Option<String> {
             ))
         }
         _ => Some("the last run on this journal did not end in order: it was killed, or power was lost".to_owned()),
+    }
+}
+
+/// What the file of the latch is to say of this run.
+pub(super) fn record(settings: &Settings, plan: &Plan) -> Record {
+    let directory = std::fs::canonicalize(&settings.directory).unwrap_or_else(|_| settings.directory.clone());
+    Record::new(directory.to_string_lossy().into_owned(), plan.system.emergency.clone())
+}
+
+/// The emergency stop stays latched until an operator clears it, whatever ended the run before. Slots that were its actuators
+/// then are so in this run, whatever its profiles say: somebody may have changed them meanwhile, and the robot is the same.
+pub(super) fn restore_latch(settings: &Settings, plan: &mut Plan, journal: &SharedJournal) {
+    let path = latch::beside(&settings.journal);
+    let left = latch::keep(&path, record(settings, plan), settings.fresh);
+    let (told, record) = match &left {
+        Left::Free => return,
+        Left::Latched(record) => (of_record(record), Some(record)),
+        Left::Unknown(reason) => {
+            (format!("nobody can tell whether the run before left it latched: {}: {reason}", path.display()), None)
+        }
+    };
+    let mut fields =
+        json!({"step": if settings.fresh { "forgotten" } else { "restored" }, "file": path, "left": record});
+    if let Left::Unknown(reason) = &left {
+        fields["failure"] = reason.as_str().into();
+    }
+    note(journal, "emergency", &fields);
+    if settings.fresh {
+        return tracing::warn!("the emergency stop is forgotten, as --fresh says; {told}");
+    }
+    tracing::error!("EMERGENCY STOP: {told}; actuators stay stopped until `fault clear`");
+    record.iter().for_each(|record| hold(plan, &record.actuators));
+    if plan.system.emergency.is_empty() {
+        tracing::warn!("no slot of these profiles is an actuator: the emergency stop holds none of them");
+    }
+}
+
+fn of_record(record: &Record) -> String {
+    let cause = record.cause.as_ref().map(|cause| format!(" for {cause}")).unwrap_or_default();
+    format!("the run before left it latched{cause}; its profiles: {}", record.profiles)
+}
+
+/// Those of them that are slots of this plan are actuators.
+fn hold(plan: &mut Plan, actuators: &[String]) {
+    let all = &mut plan.system.emergency;
+    for name in actuators {
+        if all.contains(name) {
+            continue;
+        }
+        if plan.slots.iter().any(|slot| slot.name == *name) && all.len() < ACTUATORS {
+            tracing::warn!("{name} was an actuator when the emergency stop was raised: it stays stopped, too");
+            all.push(name.clone());
+        } else {
+            tracing::warn!(
+                "{name} was an actuator when the emergency stop was raised, and is no slot of these profiles"
+            );
+        }
     }
 }
 

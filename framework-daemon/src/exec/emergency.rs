@@ -84,8 +84,8 @@ pub fn raise(slot: &'static str, at_ns: u64) {
         actuator.signal.ring(Ring::Emergency);
     }
     if is_first {
-        // The fault manager tries again, and tells if it fails.
-        let _ = latch::store();
+        // The fault manager sees to the rest.
+        latch::store();
     }
 }
 
@@ -102,11 +102,8 @@ pub fn latched() -> bool {
     latch::is_set()
 }
 
-/// Takes it back; false: it was not latched.
+/// Takes it back; `None`: it was not latched.
 #[must_use]
-pub fn clear() -> bool {
-    latch::clear().unwrap_or_else(|error| {
-        tracing::error!("the emergency stop is cleared, but the next run comes up latched: {error}");
-        true
-    })
+pub fn clear() -> Option<latch::Cleared> {
+    latch::clear()
 }

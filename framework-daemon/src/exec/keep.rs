@@ -64,8 +64,10 @@ impl Keep {
         let origin = origin(profiles);
         let kept = if forget { Vec::new() } else { read(&mut before, path, &origin) };
         let file = lock(open(&new_name(path), true)?)?;
-        nix::fcntl::posix_fallocate(&*file, 0, PAGE as i64)?;
-        file.write_all_at(&kept::header(&origin), 0)?;
+        let headed = nix::fcntl::posix_fallocate(&*file, 0, PAGE as i64)
+            .map_err(io::Error::from)
+            .and_then(|()| file.write_all_at(&kept::header(&origin), 0));
+        headed.inspect_err(|_| _ = std::fs::remove_file(new_name(path)))?;
         let kept = kept.into_iter().map(|kept| (kept.slot.clone(), kept)).collect();
         let (free, taken_up) = (Vec::new(), Vec::new());
         let desk = Desk { file, _before: before, in_place: false, end: PAGE as u64, free, kept, taken_up };

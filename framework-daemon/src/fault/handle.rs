@@ -20,7 +20,7 @@ use crate::model::ladder::Answer;
 use crate::model::lifecycle::State;
 use crate::model::limits::{BOOT_STEP, HANDLING_STEP};
 use crate::profile::plan::Plan;
-use crate::sys::clock;
+use crate::sys::{clock, latch};
 
 /// A slot as it is handled.
 #[derive(Clone)]
@@ -197,8 +197,8 @@ impl Handler {
         if event.fault.stage != Stage::Confirmed {
             return Vec::new();
         }
-        if event.answer == Answer::Emergency && emergency::latched() {
-            self.emergency.get_or_insert(sequence);
+        if event.answer == Answer::Emergency && emergency::latched() && self.emergency.is_none() {
+            self.emergency = Some(sequence);
         }
         let Some(slot) = self.cast.as_ref().and_then(|cast| cast.graph.slot(event.slot)) else {
             // Nothing is handled at this moment: the state of the slot will tell.
@@ -283,9 +283,8 @@ impl Handler {
 
     /// The operator takes the emergency stop back: actuators start again.
     fn clear(&mut self) -> Result<(Value, Vec<Line>), Refused> {
-        if !emergency::clear() {
-            return Err(Refused::Other("no emergency stop is latched: there is nothing to clear".to_owned()));
-        }
+        let cleared = emergency::clear()
+            .ok_or_else(|| Refused::Other("no emergency stop is latched: there is nothing to clear".to_owned()))?;
         let mut fields = Map::new();
         fields.insert("root".into(), self.emergency.take().into());
         let mut lines = vec![("clear", fields)];
@@ -294,7 +293,7 @@ impl Handler {
         let nodes = self.cast.iter().flat_map(|cast| cast.graph.nodes()).enumerate();
         let actuators = nodes.filter(|(_, node)| node.is_actuator).map(|(number, _)| number);
         let slots: Vec<Value> = actuators.map(|number| self.answer(number)).collect();
-        Ok((json!({"actuators": slots}), lines))
+        Ok((json!({"actuators": slots, "cause": cleared.cause, "failure": latch::failure()}), lines))
     }
 
     /// A slot, and why it does not run.

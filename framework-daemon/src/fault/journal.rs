@@ -10,6 +10,8 @@ use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use nix::errno::Errno;
+use nix::fcntl::{FcntlArg, fcntl};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
@@ -45,6 +47,40 @@ impl Journal {
         let tail = tail(&file)?;
         let torn = !tail.is_empty() && !tail.ends_with('\n');
         Ok(Self { file, path: path.to_owned(), sequence: 0, torn, last: last_line(&tail) })
+    }
+
+    /// Takes it for this process alone, as long as that lives: what lies beside it is this run's, too. A lock of the process, and
+    /// not of the open file, which a child that a component forked would go on to hold when this one is gone.
+    ///
+    /// # Errors
+    /// When another process has it; the error names it.
+    pub fn claim(&self) -> io::Result<()> {
+        let whole = libc::flock {
+            l_type: libc::F_WRLCK as libc::c_short,
+            l_whence: libc::SEEK_SET as libc::c_short,
+            l_start: 0,
+            l_len: 0,
+            l_pid: 0,
+        };
+        match fcntl(&self.file, FcntlArg::F_SETLK(&whole)) {
+            Ok(_) => Ok(()),
+            Err(Errno::EACCES | Errno::EAGAIN) => {
+                let mut holder = whole;
+                let _ = fcntl(&self.file, FcntlArg::F_GETLK(&mut holder));
+                let told = format!(
+                    "another daemon (process {}) writes it: name another one with --journal FILE",
+                    holder.l_pid
+                );
+                Err(io::Error::other(told))
+            }
+            Err(error) => {
+                tracing::warn!(
+                    "journal {}: cannot be locked ({error}); no other daemon may write it",
+                    self.path.display()
+                );
+                Ok(())
+            }
+        }
     }
 
     /// Where it is.

@@ -14,6 +14,7 @@ use serde_json::{Map, Value};
 use super::feed::Feed;
 use super::handle::{Cast, Handler, Line, Reasons};
 use super::journal::Journal;
+use super::latchkeeper::Latchkeeper;
 use super::ledger::{Ledger, Verdict};
 use super::order::{Order, Verb};
 use super::{ports, words};
@@ -25,7 +26,8 @@ use crate::model::limits::{CONSEQUENCE_LINES, CONSEQUENCE_WINDOW, EMERGENCY_KNOW
 use crate::model::symptom::Symptom;
 use crate::model::time::nanoseconds;
 use crate::plugin::symbols::{Origin, Symbols};
-use crate::sys::{clock, foreign, latch, thread, trap};
+use crate::sys::latch::Cause;
+use crate::sys::{clock, foreign, thread, trap};
 
 /// The journal, shared with those who note starts, reloads and stops.
 pub type SharedJournal = Arc<Mutex<Journal>>;
@@ -114,6 +116,7 @@ pub fn start(journal: SharedJournal) -> std::io::Result<(Manager, FaultSender)> 
         slots: Vec::new(),
         notices: Vec::new(),
         consequences: VecDeque::new(),
+        latch: Latchkeeper::start()?,
         lost: lost_events(),
     };
     let thread = thread::spawn("fault-manager", move || {
@@ -197,6 +200,7 @@ struct Desk {
     notices: Vec<Notice>,
     /// Consequences whose root is not written down yet.
     consequences: VecDeque<FaultEvent>,
+    latch: Latchkeeper,
     lost: u64,
 }
 
@@ -226,6 +230,7 @@ impl Desk {
         while let Some(event) = self.consequences.pop_front() {
             self.take(&event);
         }
+        self.latch.finish();
     }
 
     /// Until when consequences wait to be written down behind their root.
@@ -308,10 +313,8 @@ impl Desk {
 
     /// What is told of the emergency stop waits for the fault that it was raised for.
     fn note(&mut self, notice: Notice) {
-        if matches!(notice, Notice::Raised { is_first: true, .. })
-            && let Err(error) = latch::settle()
-        {
-            tracing::error!("the emergency stop is latched for this run only: {error}");
+        if matches!(notice, Notice::Raised { is_first: true, .. }) {
+            self.latch.tell(None);
         }
         self.notices.push(notice);
         self.tell_notices();
@@ -336,10 +339,16 @@ impl Desk {
         let root = self.handler.root_of(event);
         let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).fault(event, &origin, root);
         let sequence = written.0.get("seq").and_then(Value::as_u64).unwrap_or_default();
+        let wall = written.0.get("wall").and_then(Value::as_f64).unwrap_or_default();
         self.publish(written);
         tell(event, &origin);
         ports::shared().tell(event, sequence, &describe(&event.fault, &origin));
+        let knew = self.handler.knows_emergency();
         let lines = self.handler.take(event, sequence, root);
+        if self.handler.knows_emergency() && !knew {
+            let (slot, symptom) = (event.slot.to_owned(), event.fault.symptom.name().to_owned());
+            self.latch.tell(Some(Cause { slot, symptom, fault: sequence, wall }));
+        }
         self.tell_notices();
         self.follow(lines);
         verdict.into_iter().for_each(|verdict| self.obey(verdict));

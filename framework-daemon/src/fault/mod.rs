@@ -20,6 +20,9 @@ pub mod handle;
 /// Append-only JSON lines with checksums.
 pub mod journal;
 
+/// Sees to the file of the emergency stop's latch.
+pub mod latchkeeper;
+
 /// What faults cost for good, against its bounds.
 pub mod ledger;
 

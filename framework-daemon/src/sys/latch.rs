@@ -1,27 +1,35 @@
 //! The latch of the emergency stop: one word of the process, and a file beside the journal that outlives it. Whatever ends the
 //! daemon, the next one comes up latched, until an operator has looked.
 //!
-//! The file is opened when the daemon starts, so that a raise costs one write to it; it is empty while nothing is latched.
-//! It lies apart from the journal, which may be moved away at any time, and from the checkpoints, which an end in order
-//! forgets: an operator who stops the daemon has not said that the robot may move.
+//! The file lies apart from the journal, which may be moved away at any time, and from the checkpoints, which an end in order
+//! forgets: an operator who stops the daemon has not said that the robot may move. It says what it was raised for: whoever
+//! starts the robot the next morning was not there.
+//!
+//! Its lock is only tried by the thread that raises: whoever holds it looks at the word again before letting go, or is
+//! the fault manager, which is told of the raise and comes back.
 
-use std::fs::{File, OpenOptions};
-use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use serde_json::{Value, json};
 
 use super::clock;
 
+/// The file.
+mod file;
+/// What it says.
+mod record;
+
+use file::Kept;
+pub use file::Left;
+pub use record::{Cause, Record};
+
 /// When it was latched; 0: it is not.
 static LATCH: AtomicU64 = AtomicU64::new(0);
-static KEPT: OnceLock<File> = OnceLock::new();
+static KEPT: Mutex<Option<Kept>> = Mutex::new(None);
 // Held while names are compared or swapped.
 static ACTUATORS: Mutex<Vec<&'static str>> = Mutex::new(Vec::new());
-
-/// What is in the file, for whoever finds it.
-const TEXT: &[u8] = b"the emergency stop is latched: `framework-daemon fault clear` takes it back\n";
 
 /// Where it is kept for a daemon with that journal.
 #[must_use]
@@ -31,22 +39,39 @@ pub fn beside(journal: &Path) -> PathBuf {
     name.into()
 }
 
-/// Keeps the latch in that file from now on, once in the life of a process; returns whether the run before left it latched,
-/// which it is then. `forget`: whatever that run left.
-///
-/// # Errors
-/// When the file cannot be opened.
-pub fn keep(path: &Path, forget: bool) -> io::Result<bool> {
-    let file = OpenOptions::new().create(true).truncate(false).read(true).write(true).open(path)?;
-    if forget {
-        file.set_len(0)?;
+fn kept() -> MutexGuard<'static, Option<Kept>> {
+    KEPT.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Kept {
+    /// What fails is told by whoever asks for [`failure`].
+    fn say_what_is(&mut self) {
+        let _ = self.say(is_set());
+        // Raised meanwhile: what that said is gone.
+        if is_set() {
+            self.shout();
+        }
     }
-    let was_latched = file.metadata()?.len() > 0;
-    let _ = KEPT.set(file);
-    if was_latched {
+}
+
+/// Keeps the latch in that file from now on, for a run that `own` describes; returns what the run before left. What is latched
+/// there is latched, and so is what nobody can read; `forget`: it is not, and [`describe`] takes it from the file.
+pub fn keep(path: &Path, own: Record, forget: bool) -> Left {
+    let (file, left) = Kept::open(path, own);
+    *kept() = Some(file);
+    if left != Left::Free && !forget {
         let _ = set();
     }
-    Ok(was_latched)
+    left
+}
+
+/// The file is of that run now, and what was to be forgotten is forgotten: not before it is accepted, or a start that comes to
+/// nothing would have forgotten it. While it is latched the file stays that of the run that latched it.
+pub fn describe(own: Record) {
+    if let Some(kept) = kept().as_mut().filter(|_| !is_set()) {
+        kept.record = own;
+        kept.say_what_is();
+    }
 }
 
 /// Who gets the emergency stop from now on.
@@ -65,12 +90,13 @@ pub fn set() -> bool {
     LATCH.compare_exchange(0, clock::now_ns(), Ordering::SeqCst, Ordering::SeqCst).is_ok()
 }
 
-/// Sees to it that the next run comes up latched: one write into an open file, no allocation.
-///
-/// # Errors
-/// When the file cannot be written.
-pub fn store() -> io::Result<()> {
-    KEPT.get().map_or(Ok(()), |file| file.write_all_at(TEXT, 0))
+/// Sees to it that the next run comes up latched: one write into an open file, no allocation. The fault manager sees to the rest.
+pub fn store() {
+    if let Ok(kept) = KEPT.try_lock()
+        && let Some(kept) = kept.as_ref()
+    {
+        kept.shout();
+    }
 }
 
 /// True while it is latched.
@@ -79,33 +105,58 @@ pub fn is_set() -> bool {
     LATCH.load(Ordering::SeqCst) != 0
 }
 
-/// Takes it back; false: it was not latched.
-///
-/// # Errors
-/// When the file cannot be written: then the next run comes up latched.
-pub fn clear() -> io::Result<bool> {
-    let was_latched = LATCH.swap(0, Ordering::SeqCst) != 0;
-    if let Some(file) = KEPT.get().filter(|_| was_latched) {
-        file.set_len(0)?;
-        // Raised again in between: what was written is gone.
-        if is_set() {
-            store()?;
-        }
-        file.sync_all()?;
-    }
-    Ok(was_latched)
+/// It was latched, and is not any more.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cleared {
+    /// What it had been raised for, as far as that is known.
+    pub cause: Option<Cause>,
 }
 
-/// Waits until what [`store`] wrote is on the disk, and writes it where that failed.
-///
-/// # Errors
-/// When the file cannot be written.
-pub fn settle() -> io::Result<()> {
-    let Some(file) = KEPT.get().filter(|_| is_set()) else { return Ok(()) };
-    store()?;
-    // Taken back in between: what was written is wrong.
-    if !is_set() {
-        file.set_len(0)?;
+/// Takes it back; `None`: it was not latched.
+#[must_use]
+pub fn clear() -> Option<Cleared> {
+    let mut kept = kept();
+    if LATCH.swap(0, Ordering::SeqCst) == 0 {
+        return None;
     }
-    file.sync_all()
+    let cause = kept.as_mut().and_then(|kept| {
+        let cause = kept.record.cause.take();
+        kept.say_what_is();
+        cause
+    });
+    Some(Cleared { cause })
+}
+
+/// Brings the file to what is so, on the disk; `cause`: what it was raised for, once that is known.
+pub fn settle(cause: Option<Cause>) {
+    if let Some(kept) = kept().as_mut() {
+        if is_set() && cause.is_some() {
+            kept.record.cause = cause;
+        }
+        kept.say_what_is();
+    }
+}
+
+/// Why it would not outlive the daemon; `None`: it would.
+#[must_use]
+pub fn failure() -> Option<String> {
+    let kept = kept();
+    let kept = kept.as_ref()?;
+    Some(format!("{}: {}", kept.path().display(), kept.failure.as_ref()?))
+}
+
+/// For whoever asks how the daemon is.
+#[must_use]
+pub fn view() -> Value {
+    let kept = kept();
+    let Some(kept) = kept.as_ref() else { return Value::Null };
+    let mut view = json!({"file": kept.path().to_string_lossy(), "kept": kept.failure.is_none()});
+    if let Some(failure) = &kept.failure {
+        view["failure"] = failure.as_str().into();
+    }
+    if is_set() {
+        view["profiles"] = kept.record.profiles.as_str().into();
+        view["cause"] = json!(kept.record.cause);
+    }
+    view
 }

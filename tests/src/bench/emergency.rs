@@ -106,7 +106,7 @@ impl Rig {
             _ => None,
         });
         self.drain();
-        assert!(emergency::clear() && self.member.state() == State::Error);
+        assert!(emergency::clear().is_some() && self.member.state() == State::Error);
         assert_eq!(self.member.steer(Move::Raise, &mut self.crew), State::Active);
         raised.expect("its output was written")
     }

@@ -1,0 +1,207 @@
+//! The file of the latch, open and as large as it will ever be, so that a raise costs one small write into it and succeeds on
+//! a full disk. Where somebody removed it, or put another one into its place, a new one is made.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+use super::record::{self, Record};
+
+/// What the run before left.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Left {
+    /// Nothing that counts.
+    Free,
+    /// It is latched.
+    Latched(Record),
+    /// Nobody knows: it counts as latched.
+    Unknown(String),
+}
+
+/// The file.
+#[derive(Debug)]
+pub(super) struct Kept {
+    path: PathBuf,
+    file: Option<File>,
+    /// What it says, or would.
+    pub(super) record: Record,
+    /// Why it does not say it.
+    pub(super) failure: Option<String>,
+}
+
+impl Kept {
+    /// Opens the file, or makes it; what it says stays.
+    pub(super) fn open(path: &Path, own: Record) -> (Self, Left) {
+        let mut kept = Self { path: path.to_owned(), file: None, record: own, failure: None };
+        // A link that leads nowhere is there, too.
+        if path.symlink_metadata().is_err_and(|error| error.kind() == io::ErrorKind::NotFound) {
+            let _ = kept.say(false);
+            return (kept, Left::Free);
+        }
+        let left = kept.read().unwrap_or_else(|error| Left::Unknown(error.to_string()));
+        match &left {
+            Left::Free => _ = kept.say(false),
+            Left::Latched(record) => kept.record = record.clone(),
+            // Somebody sees to it that the next run can read it.
+            Left::Unknown(reason) => kept.failure = Some(reason.clone()),
+        }
+        (kept, left)
+    }
+
+    /// What it says; it stays open where it can be written, too.
+    fn read(&mut self) -> io::Result<Left> {
+        // Not blocking: a pipe without a writer would hang here for ever.
+        let open = |write| OpenOptions::new().read(true).write(write).custom_flags(libc::O_NONBLOCK).open(&self.path);
+        let (mut file, failure) = match open(true) {
+            Ok(file) => (file, None),
+            Err(error) => (open(false)?, Some(error.to_string())),
+        };
+        if !file.metadata()?.is_file() {
+            return Ok(Left::Unknown("it is no regular file".to_owned()));
+        }
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes)?;
+        self.file = failure.is_none().then_some(file);
+        self.failure = failure;
+        Ok(match record::decode(&bytes) {
+            Ok((_, false)) => Left::Free,
+            Ok((record, true)) => Left::Latched(record),
+            Err(reason) => Left::Unknown(reason),
+        })
+    }
+
+    /// Where it is.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Says at once that it is latched: one write, no allocation.
+    pub(super) fn shout(&self) {
+        if let Some(file) = &self.file {
+            // Said again, and looked after, by `say`.
+            let _ = file.write_all_at(record::LATCHED, 0);
+        }
+    }
+
+    /// Writes what it is to say; when this returns it is on the disk.
+    ///
+    /// # Errors
+    /// When it cannot be written; [`Self::failure`] has it, too.
+    pub(super) fn say(&mut self, latched: bool) -> io::Result<()> {
+        let bytes = record::encode(&self.record, latched);
+        let result = match self.file.as_ref().filter(|file| self.is_in_place(file)) {
+            Some(file) => over(file, &bytes),
+            None => self.anew(&bytes),
+        };
+        self.failure = result.as_ref().err().map(ToString::to_string);
+        result
+    }
+
+    fn is_in_place(&self, file: &File) -> bool {
+        let both = std::fs::metadata(&self.path).and_then(|there| Ok((there, file.metadata()?)));
+        both.is_ok_and(|(there, here)| (there.dev(), there.ino()) == (here.dev(), here.ino()))
+    }
+
+    /// Under another name first: whoever looks finds the one before or this one, whole.
+    fn anew(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let mut name = self.path.as_os_str().to_owned();
+        name.push(".new");
+        let new = PathBuf::from(name);
+        let made = make(&new, bytes).and_then(|file| std::fs::rename(&new, &self.path).map(|()| file));
+        let file = made.inspect_err(|_| _ = std::fs::remove_file(&new))?;
+        self.file = Some(file);
+        let directory = self.path.parent().filter(|directory| !directory.as_os_str().is_empty());
+        File::open(directory.unwrap_or(Path::new(".")))?.sync_all()
+    }
+}
+
+fn over(file: &File, bytes: &[u8]) -> io::Result<()> {
+    file.write_all_at(bytes, 0)?;
+    file.set_len(bytes.len() as u64)?;
+    file.sync_all()
+}
+
+fn make(path: &Path, bytes: &[u8]) -> io::Result<File> {
+    let mut file = OpenOptions::new().create(true).truncate(true).read(true).write(true).open(path)?;
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    Ok(file)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::record::Cause;
+    use super::*;
+
+    fn own() -> Record {
+        Record::new("/robots/one".into(), vec!["motors".into()])
+    }
+
+    fn scratch() -> (tempfile::TempDir, PathBuf) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("latch");
+        (directory, path)
+    }
+
+    #[test]
+    fn what_is_said_is_found_and_a_shout_suffices() {
+        let (_directory, path) = scratch();
+        let (mut kept, left) = Kept::open(&path, own());
+        assert_eq!((left, kept.failure.as_deref()), (Left::Free, None));
+        assert_eq!(Kept::open(&path, own()).1, Left::Free);
+        kept.shout();
+        assert_eq!(Kept::open(&path, own()).1, Left::Latched(own()));
+        let cause = Cause { slot: "motors".into(), symptom: "crash.segv".into(), fault: 3, wall: 1.5 };
+        kept.record.cause = Some(cause);
+        kept.say(true).unwrap();
+        assert_eq!(Kept::open(&path, Record::default()).1, Left::Latched(kept.record.clone()));
+        kept.say(false).unwrap();
+        assert_eq!(Kept::open(&path, own()).1, Left::Free);
+    }
+
+    #[test]
+    fn what_somebody_removed_or_replaced_is_made_anew() {
+        let (_directory, path) = scratch();
+        let (mut kept, _) = Kept::open(&path, own());
+        std::fs::remove_file(&path).unwrap();
+        kept.say(true).unwrap();
+        assert_eq!(Kept::open(&path, own()).1, Left::Latched(own()));
+        std::fs::remove_file(&path).unwrap();
+        std::fs::write(&path, "other").unwrap();
+        kept.say(true).unwrap();
+        assert_eq!(Kept::open(&path, own()).1, Left::Latched(own()));
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_latched() {
+        let (directory, path) = scratch();
+        for text in ["", "{", "{\"latched\":0}", "not latched"] {
+            std::fs::write(&path, text).unwrap();
+            assert!(matches!(Kept::open(&path, own()).1, Left::Unknown(_)), "{text:?}");
+        }
+        std::fs::remove_file(&path).unwrap();
+        std::os::unix::fs::symlink(directory.path().join("nowhere"), &path).unwrap();
+        assert!(matches!(Kept::open(&path, own()).1, Left::Unknown(_)));
+        std::fs::remove_file(&path).unwrap();
+        nix::unistd::mkfifo(&path, nix::sys::stat::Mode::S_IRUSR | nix::sys::stat::Mode::S_IWUSR).unwrap();
+        assert_eq!(Kept::open(&path, own()).1, Left::Unknown("it is no regular file".into()));
+        std::fs::remove_file(&path).unwrap();
+        std::fs::create_dir(&path).unwrap();
+        let (mut kept, left) = Kept::open(&path, own());
+        assert!(matches!(left, Left::Unknown(_)), "{left:?}");
+        assert!(kept.say(false).is_err() && kept.failure.is_some(), "a directory is not replaced");
+    }
+
+    #[test]
+    fn where_none_can_be_made_it_is_free_and_says_so() {
+        let (_directory, path) = scratch();
+        let (mut kept, left) = Kept::open(&path.join("deep"), own());
+        assert_eq!(left, Left::Free);
+        assert!(kept.failure.is_some());
+        std::fs::create_dir(&path).unwrap();
+        kept.say(true).unwrap();
+        assert_eq!(kept.failure, None, "tried again it is kept");
+        assert_eq!(Kept::open(&path.join("deep"), own()).1, Left::Latched(own()));
+    }
+}

@@ -1,0 +1,199 @@
+//! The latch of the emergency stop outlives whatever ends the daemon, and whatever happens to its file; only an operator takes
+//! it back.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use tests::asking::ask;
+use tests::brakes::{RULES, Robot, robot};
+use tests::running::Running;
+
+const RAISE: &[&str] = &["--inject", "sensor:crash.segv@0.3"];
+
+fn journal(robot: &Robot) -> PathBuf {
+    robot.lines.path().join("state/journal.jsonl")
+}
+
+fn file(robot: &Robot) -> PathBuf {
+    robot.lines.path().join("state/journal.jsonl.emergency")
+}
+
+fn run(robot: &Robot, arguments: &[&str]) -> Running {
+    Running::spawn_on(&journal(robot), robot.profiles.path(), arguments).ready()
+}
+
+fn is_latched(daemon: &Running) -> bool {
+    ask(daemon, "status --format json").json()[0]["emergency"] == true
+}
+
+/// Latched, with the fault that it is for on the disk.
+fn raised(robot: &Robot, daemon: &Running) {
+    daemon.until("its cause is written", || {
+        fs::read_to_string(file(robot)).is_ok_and(|text| text.contains("crash.segv"))
+    });
+}
+
+fn killed(mut daemon: Running) {
+    daemon.signal("KILL");
+    daemon.wait();
+}
+
+fn driven(robot: &Robot) -> usize {
+    robot.line("left").iter().filter(|text| *text == "drive").count()
+}
+
+#[test]
+fn it_stays_latched_until_an_operator_clears_it_whatever_ends_the_daemon() {
+    let robot = robot(RULES, "");
+    let daemon = run(&robot, RAISE);
+    raised(&robot, &daemon);
+    killed(daemon);
+    // Killed, crashed, ended in order.
+    for (arguments, ends) in [(&[][..], "KILL"), (&["--inject", "daemon:crash.segv@0.3"], ""), (&[], "TERM")] {
+        let before = driven(&robot);
+        let mut daemon = run(&robot, arguments);
+        daemon.wait_for("the run before left it latched for crash.segv of sensor (fault ");
+        daemon.wait_for("left (held: emergency stop)");
+        assert_eq!(robot.line("left").last().map(String::as_str), Some("stop"), "its outputs are safe");
+        assert_eq!(daemon.entries("emergency").last().unwrap()["step"], "restored");
+        if ends.is_empty() {
+            daemon.wait();
+        } else {
+            let status = ask(&daemon, "status");
+            assert!(status.out.starts_with("EMERGENCY STOP latched for crash.segv of sensor (fault "), "{status:?}");
+            assert_eq!(ask(&daemon, "component start left").code, Some(7));
+            daemon.signal(ends);
+            daemon.wait();
+        }
+        assert_eq!(driven(&robot), before, "{ends}");
+    }
+    let mut daemon = run(&robot, &[]);
+    let cleared = ask(&daemon, "fault clear").out;
+    assert!(cleared.starts_with("the emergency stop for crash.segv of sensor (fault "), "{cleared}");
+    assert!(cleared.ends_with(" is cleared\nleft: active\nright: active\n"), "{cleared}");
+    daemon.until("the wheels turn again", || robot.line("left").last().is_some_and(|text| text == "drive"));
+    daemon.stop();
+    assert!(!is_latched(&run(&robot, &[])));
+}
+
+#[test]
+fn a_fresh_run_forgets_it_and_says_so_but_not_one_that_is_refused() {
+    let robot = robot(RULES, "");
+    let mut daemon = run(&robot, RAISE);
+    raised(&robot, &daemon);
+    daemon.stop();
+    let sound = fs::read_to_string(robot.profiles.path().join("app.xml")).unwrap();
+    robot.profiles.write("app.xml", &sound.replace("Brake", "NoSuchClass"));
+    let mut refused = Running::spawn_on(&journal(&robot), robot.profiles.path(), &["--fresh"]);
+    assert!(!refused.wait().success());
+    robot.profiles.write("app.xml", &sound);
+    let again = run(&robot, &[]);
+    assert!(is_latched(&again), "{}", again.log());
+    killed(again);
+    let daemon = run(&robot, &["--fresh"]);
+    assert!(!is_latched(&daemon));
+    daemon.wait_for("the emergency stop is forgotten, as --fresh says; the run before left it latched for crash.segv");
+    let line = daemon.entries("emergency").pop().unwrap();
+    assert_eq!((line["step"].as_str(), line["left"]["cause"]["slot"].as_str()), (Some("forgotten"), Some("sensor")));
+    daemon.until("the wheels turn", || robot.line("left").last().is_some_and(|text| text == "drive"));
+    killed(daemon);
+    assert!(!is_latched(&run(&robot, &[])));
+}
+
+/// What may lie where the file should.
+fn spoil(path: &Path, how: &str) {
+    let _ = fs::remove_file(path);
+    match how {
+        "a directory" => fs::create_dir(path).unwrap(),
+        "a pipe" => assert!(Command::new("mkfifo").arg(path).status().unwrap().success()),
+        "a link to nowhere" => std::os::unix::fs::symlink("nowhere/at/all", path).unwrap(),
+        "a link to a device" => std::os::unix::fs::symlink("/dev/full", path).unwrap(),
+        text => fs::write(path, text).unwrap(),
+    }
+}
+
+#[test]
+fn a_file_that_nobody_can_read_counts_as_latched() {
+    let robot = robot(RULES, "");
+    killed(run(&robot, &[]));
+    for how in ["", "not latched\n", "a pipe", "a link to nowhere", "a link to a device", "a directory"] {
+        spoil(&file(&robot), how);
+        let before = driven(&robot);
+        let daemon = run(&robot, &[]);
+        daemon.wait_for("EMERGENCY STOP: nobody can tell whether the run before left it latched: ");
+        assert!(is_latched(&daemon), "{how}");
+        assert_eq!(driven(&robot), before, "{how}");
+        let cleared = ask(&daemon, "fault clear").out;
+        assert!(cleared.ends_with("\nleft: active\nright: active\n"), "{how}: {cleared}");
+        assert_eq!(cleared.contains("the next run may come up latched"), how == "a directory", "{cleared}");
+        if how == "a directory" {
+            let status = ask(&daemon, "status");
+            assert!(status.out.contains("an emergency stop would not outlive the daemon: "), "{status:?}");
+            fs::remove_dir(file(&robot)).unwrap();
+            daemon.wait_for("an emergency stop outlives the daemon again");
+        }
+        killed(daemon);
+        let next = run(&robot, &[]);
+        assert!(!is_latched(&next), "{how}");
+        killed(next);
+    }
+}
+
+#[test]
+fn a_file_that_somebody_removed_is_made_anew() {
+    let robot = robot(RULES, "");
+    let daemon = run(&robot, RAISE);
+    fs::remove_file(file(&robot)).unwrap();
+    raised(&robot, &daemon);
+    killed(daemon);
+    assert!(is_latched(&run(&robot, &[])));
+}
+
+#[test]
+fn where_it_cannot_be_kept_that_is_told_and_tried_again() {
+    let robot = robot(RULES, "");
+    let daemon = run(&robot, RAISE);
+    let (here, away) = (robot.lines.path().join("state"), robot.lines.path().join("away"));
+    fs::rename(&here, &away).unwrap();
+    daemon.wait_for("an emergency stop would not outlive the daemon: ");
+    let status = ask(&daemon, "status --format json").json().remove(0);
+    assert_eq!((&status["emergency"], &status["latch"]["kept"]), (&true.into(), &false.into()), "{status}");
+    fs::rename(&away, &here).unwrap();
+    daemon.wait_for("an emergency stop outlives the daemon again");
+    killed(daemon);
+    assert!(is_latched(&run(&robot, &[])));
+}
+
+#[test]
+fn one_journal_is_one_daemons() {
+    let robot = robot(RULES, "");
+    let daemon = run(&robot, RAISE);
+    raised(&robot, &daemon);
+    let mut other = Running::spawn_on(&journal(&robot), robot.profiles.path(), &["--fresh"]);
+    assert!(!other.wait().success());
+    let told = format!("another daemon (process {}) writes it: name another one with --journal FILE", daemon.pid());
+    other.wait_for(&told);
+    killed(daemon);
+    assert!(is_latched(&run(&robot, &[])));
+}
+
+#[test]
+fn what_was_an_actuator_then_is_held_whatever_the_profiles_say_now() {
+    let robot = robot(RULES, "");
+    let daemon = run(&robot, RAISE);
+    raised(&robot, &daemon);
+    killed(daemon);
+    robot.profiles.replace("system.xml", "<actuator component=\"left\"/>", "");
+    let before = driven(&robot);
+    let daemon = run(&robot, &[]);
+    daemon.wait_for("left was an actuator when the emergency stop was raised: it stays stopped, too");
+    assert_eq!(driven(&robot), before);
+    killed(daemon);
+    let other = self::robot("", "");
+    other.profiles.replace("app.xml", ">left<", ">port<");
+    other.profiles.replace("system.xml", "\"left\"", "\"port\"");
+    let daemon = Running::spawn_on(&journal(&robot), other.profiles.path(), &[]).ready();
+    daemon.wait_for("left was an actuator when the emergency stop was raised, and is no slot of these profiles");
+    assert_eq!(ask(&daemon, "fault clear").out.lines().skip(1).collect::<Vec<_>>(), ["port: active", "right: active"]);
+}

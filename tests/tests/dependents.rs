@@ -45,6 +45,18 @@ fn order(daemon: &Running, word: &str) -> Vec<String> {
     lines.iter().filter_map(slot).collect()
 }
 
+/// To find the function that a trap struck in takes a hundred milliseconds the first time: nobody drives on meanwhile.
+#[test]
+fn dependents_stop_before_the_fault_is_looked_into() {
+    let profiles = witnesses(&["camera", "needy"], &dependency("needy", "camera", ""));
+    let daemon = Running::start(profiles.path(), &["--inject", "camera:crash.segv@0.3"]);
+    daemon.wait_for("slot needy: stopped: needs camera");
+    let log = daemon.log();
+    let at = |text: &str| log.find(text).unwrap_or_else(|| panic!("{text} in\n{log}"));
+    assert!(at("needy: stops") < at("slot camera (Witness): crash.segv"), "{log}");
+    assert!(at("slot camera (Witness): crash.segv") < at("slot needy: stopped"), "{log}");
+}
+
 /// Figure 8 of the fault-tolerance paper: A goes on in spite of two faulty cameras of three, B, which needs all, stops; C
 /// depends on B and stops for safety; D depends on A alone and goes on.
 #[test]

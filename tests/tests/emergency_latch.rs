@@ -7,6 +7,7 @@ use std::process::Command;
 
 use tests::asking::ask;
 use tests::brakes::{RULES, Robot, robot};
+use tests::profiles::slot;
 use tests::running::Running;
 
 const RAISE: &[&str] = &["--inject", "sensor:crash.segv@0.3"];
@@ -163,6 +164,23 @@ fn where_it_cannot_be_kept_that_is_told_and_tried_again() {
     daemon.wait_for("an emergency stop outlives the daemon again");
     killed(daemon);
     assert!(is_latched(&run(&robot, &[])));
+}
+
+#[test]
+fn a_restart_for_suspect_memory_comes_up_latched() {
+    let robot = robot(RULES, "");
+    robot.profiles.replace("system.xml", "<system_profile>", "<system_profile on_taint=\"restart\">");
+    let rules = format!("<properties><property name=\"how\" type=\"string\">corrupt</property></properties>{RULES}");
+    let wild = slot("wild", "Stuck", &rules);
+    robot.profiles.replace("app.xml", "</subcomponents>", &format!("{wild}</subcomponents>"));
+    let mut daemon = Running::spawn_on(&journal(&robot), robot.profiles.path(), &[]);
+    assert_eq!(daemon.wait().code(), Some(1), "its supervisor is to start it anew");
+    let before = driven(&robot);
+    robot.profiles.replace("app.xml", &wild, "");
+    let mut next = run(&robot, &[]);
+    next.wait_for("the run before left it latched for crash.abort of wild (fault ");
+    assert!(is_latched(&next) && driven(&robot) == before);
+    next.stop();
 }
 
 #[test]

@@ -364,11 +364,8 @@ impl Handler {
         for (number, before, now) in self.situation.hold(verdicts) {
             let slot = &cast.hands[number].slot;
             if let Some(reason) = now {
-                let text = reason.text(&cast.graph, number);
-                tracing::warn!("slot {}: stopped: {text}{}", slot.name, told(reason.root));
-                lines.push(line("held", slot, &text, reason.root, took_ns));
+                lines.push(line("held", slot, &reason.text(&cast.graph, number), reason.root, took_ns));
             } else if let Some(reason) = before.filter(|_| verdicts[number] == Verdict::Runs) {
-                tracing::info!("slot {}: {} again", slot.name, slot.status.state().name());
                 lines.push(line("returned", slot, &reason.text(&cast.graph, number), reason.root, took_ns));
             }
         }
@@ -376,8 +373,16 @@ impl Handler {
     }
 }
 
-fn told(root: Option<u64>) -> String {
-    root.map(|root| format!(", a consequence of fault {root}")).unwrap_or_default()
+/// Says in the log what a line says in the journal, behind the fault that it follows from.
+pub(super) fn log(kind: &str, fields: &Map<String, Value>) {
+    let text = |name: &str| fields.get(name).and_then(Value::as_str).unwrap_or_default();
+    let root = fields.get("root").and_then(Value::as_u64);
+    let told = root.map(|root| format!(", a consequence of fault {root}")).unwrap_or_default();
+    match kind {
+        "held" => tracing::warn!("slot {}: stopped: {}{told}", text("slot"), text("reason")),
+        "returned" => tracing::info!("slot {}: {} again", text("slot"), text("state")),
+        _ => {}
+    }
 }
 
 fn line(kind: &'static str, slot: &Slot, reason: &str, root: Option<u64>, took_ns: u64) -> Line {

@@ -95,15 +95,23 @@ impl Journal {
         self.last.as_ref()
     }
 
-    /// Writes a fault, and of which earlier one it is a consequence; returns the line, whether or not it could be written.
+    /// The number of a line that is written later.
+    pub const fn number(&mut self) -> u64 {
+        self.sequence += 1;
+        self.sequence
+    }
+
+    /// Writes a fault under that number, and of which earlier one it is a consequence; returns the line, whether or not it could
+    /// be written.
     pub fn fault(
         &mut self,
+        number: u64,
         event: &FaultEvent,
         origin: &Origin,
         root: Option<u64>,
     ) -> (Map<String, Value>, io::Result<()>) {
         match describe(event, origin, root) {
-            Ok(fields) => self.line(event.fault.stage.kind(), event.fault.at_ns, fields),
+            Ok(fields) => self.line(number, event.fault.stage.kind(), event.fault.at_ns, fields),
             Err(error) => (Map::new(), Err(error)),
         }
     }
@@ -118,14 +126,20 @@ impl Journal {
 
     /// As [`Self::note`]; returns the line, whether or not it could be written.
     pub fn tell(&mut self, kind: &str, fields: Map<String, Value>) -> (Map<String, Value>, io::Result<()>) {
-        self.line(kind, clock::now_ns(), fields)
+        let number = self.number();
+        self.line(number, kind, clock::now_ns(), fields)
     }
 
-    fn line(&mut self, kind: &str, mono_ns: u64, fields: Map<String, Value>) -> (Map<String, Value>, io::Result<()>) {
-        self.sequence += 1;
+    fn line(
+        &mut self,
+        number: u64,
+        kind: &str,
+        mono_ns: u64,
+        fields: Map<String, Value>,
+    ) -> (Map<String, Value>, io::Result<()>) {
         let mut object = Map::new();
         object.insert("kind".into(), kind.into());
-        object.insert("seq".into(), self.sequence.into());
+        object.insert("seq".into(), number.into());
         object.insert("mono_ns".into(), mono_ns.into());
         object.insert("wall".into(), wall_seconds().into());
         object.extend(fields);

@@ -1,4 +1,4 @@
-//! The loop: take an event, find its place in the code, write it down, tell it, count it. Recovery never
+//! The loop: take an event, count it, do what follows for others, find its place in the code, write it down, tell it. Recovery never
 //! waits for it, so it is no real-time thread: a flood of faults must not take a processor from those who work. Those who depend on
 //! a faulty one wait for it to be stopped, so it goes before all others that are none.
 
@@ -12,7 +12,7 @@ use crossbeam_channel::{Receiver, Sender, bounded, select, unbounded};
 use serde_json::{Map, Value};
 
 use super::feed::Feed;
-use super::handle::{Cast, Handler, Line, Reasons};
+use super::handle::{self, Cast, Handler, Line, Reasons};
 use super::journal::Journal;
 use super::latchkeeper::Latchkeeper;
 use super::ledger::{Ledger, Verdict};
@@ -306,6 +306,7 @@ impl Desk {
     fn follow(&mut self, lines: Vec<Line>) {
         self.handler.publish(&self.shared.reasons);
         for (kind, fields) in lines {
+            handle::log(kind, &fields);
             let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).tell(kind, fields);
             self.publish(written);
         }
@@ -328,27 +329,28 @@ impl Desk {
         }
     }
 
+    /// Those who depend on the slot are stopped before anybody looks for the names of functions in files, which takes a hundred
+    /// milliseconds the first time, and before anything is written.
     fn take(&mut self, event: &FaultEvent) {
         self.note_lost();
         // Whoever reads of a fault finds it counted.
         let verdict = self.count(event);
+        let (root, knew) = (self.handler.root_of(event), self.handler.knows_emergency());
+        let sequence = self.journal.lock().unwrap_or_else(PoisonError::into_inner).number();
+        let lines = self.handler.take(event, sequence, root);
         let origin = match &event.fault.evidence {
             Evidence::Trap(trap) => self.symbols.origin(trap),
             _ => Origin::default(),
         };
-        let root = self.handler.root_of(event);
-        let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).fault(event, &origin, root);
-        let sequence = written.0.get("seq").and_then(Value::as_u64).unwrap_or_default();
-        let wall = written.0.get("wall").and_then(Value::as_f64).unwrap_or_default();
+        let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).fault(sequence, event, &origin, root);
+        if self.handler.knows_emergency() && !knew {
+            let (slot, symptom) = (event.slot.to_owned(), event.fault.symptom.name().to_owned());
+            let wall = written.0.get("wall").and_then(Value::as_f64).unwrap_or_default();
+            self.latch.tell(Some(Cause { slot, symptom, fault: sequence, wall }));
+        }
         self.publish(written);
         tell(event, &origin);
         ports::shared().tell(event, sequence, &describe(&event.fault, &origin));
-        let knew = self.handler.knows_emergency();
-        let lines = self.handler.take(event, sequence, root);
-        if self.handler.knows_emergency() && !knew {
-            let (slot, symptom) = (event.slot.to_owned(), event.fault.symptom.name().to_owned());
-            self.latch.tell(Some(Cause { slot, symptom, fault: sequence, wall }));
-        }
         self.tell_notices();
         self.follow(lines);
         verdict.into_iter().for_each(|verdict| self.obey(verdict));

@@ -53,6 +53,31 @@ fn every_doubtful_profile_is_accepted_with_its_warning() {
     assert!(wrong.is_empty(), "{} of {count} differ:\n{}", wrong.len(), wrong.join("\n"));
 }
 
+/// What makes more than one mistake, on purpose.
+const SEVERAL_MISTAKES: [&str; 6] = [
+    "composite-property-of-nobody",
+    "everything-at-once",
+    "model-of-an-input",
+    "model-without-port",
+    "usage-unknown",
+    "voting-of-inputs",
+];
+
+#[test]
+fn one_mistake_is_one_error_and_no_hint_says_nothing() {
+    for kind in ["broken", "doubtful"] {
+        let entries = std::fs::read_dir(profiles(kind)).expect("the examples exist").flatten();
+        for entry in entries.filter(|entry| entry.path().is_dir()) {
+            let text = std::fs::read_to_string(entry.path().join("expected.txt")).unwrap_or_default();
+            assert!(!text.lines().any(|line| line.trim() == "="), "an empty hint:\n{text}");
+            let name = entry.file_name().to_string_lossy().into_owned();
+            let errors = text.lines().filter(|line| line.contains(": error: ")).count();
+            let one = usize::from(kind == "broken");
+            assert!(errors == one || SEVERAL_MISTAKES.contains(&name.as_str()), "{errors} errors:\n{text}");
+        }
+    }
+}
+
 #[test]
 fn every_broken_profile_says_a_line_and_a_column_unless_it_is_about_the_directory() {
     let entries = std::fs::read_dir(profiles("broken")).expect("the examples exist").flatten();

@@ -20,6 +20,9 @@ use crate::model::limits;
 pub struct Assembly {
     /// Its name.
     pub name: Word,
+    /// True where a slot or an exported port could not be read: what nothing is called may be its name.
+    #[serde(skip)]
+    pub incomplete: bool,
     /// Its slots.
     pub subcomponents: Vec<Subcomponent>,
     /// Its connections.
@@ -49,7 +52,7 @@ pub struct Assembly {
 pub struct Subcomponent {
     /// Its name.
     pub name: Word,
-    /// The profile that fills it.
+    /// The profile that fills it; empty where it is not known, which is reported.
     pub reference: Word,
     /// `node_id`; empty without one.
     pub node: Word,
@@ -86,6 +89,9 @@ pub struct End {
 pub struct Connection {
     /// `port_type`.
     pub kind: PortKind,
+    /// Where it stands.
+    #[serde(skip)]
+    pub kind_spot: Spot,
     /// Output or required end.
     pub source: End,
     /// Input or provided end.
@@ -122,6 +128,9 @@ pub struct Monitor {
     pub validity: Vec<Validity>,
     /// Silence longer than this is a fault.
     pub max_age: Option<Duration>,
+    /// Where the element stands.
+    #[serde(skip)]
+    pub spot: Spot,
 }
 
 /// A `<reference_model>` as written.
@@ -139,8 +148,8 @@ pub struct ReferenceModel {
     pub field: String,
     /// What of it is compared.
     pub measure: Measure,
-    /// Sliding window.
-    pub window: Duration,
+    /// Sliding window; `None`: it could not be read.
+    pub window: Option<Duration>,
     /// Largest difference of the filtered signals.
     pub threshold: f64,
     /// Where the element stands.
@@ -173,20 +182,30 @@ pub struct Voting {
 /// Reads an application or a composite.
 pub fn read(root: &Element, report: &mut Reporter) -> Assembly {
     let name = root.child("name").unwrap_or(root);
+    let slots = root.children_of("subcomponents").flat_map(|slots| &slots.children);
+    let subcomponents: Vec<Subcomponent> = root
+        .grandchildren("subcomponents", "subcomponent")
+        .filter_map(|element| subcomponent(element, report))
+        .collect();
+    let exports = composite::exports(root, report);
+    let nameless = root.children_of("voting").any(|voting| voting.misread && voting.value_of("name").is_empty());
+    let exported = root.children_of("export_ports").map(|ports| ports.children.len()).sum::<usize>();
     Assembly {
         name: report.text_word(name),
-        subcomponents: root
-            .grandchildren("subcomponents", "subcomponent")
-            .filter_map(|element| subcomponent(element, report))
-            .collect(),
+        incomplete: nameless
+            || root.misread
+            || root.child("subcomponents").is_none()
+            || slots.count() != subcomponents.len()
+            || exported != exports.len(),
+        subcomponents,
         connections: root
             .grandchildren("port_connections", "port_connection")
             .filter_map(|element| connection(element, report))
             .collect(),
-        exports: composite::exports(root, report),
+        exports,
         dependencies: root.children_of("dependency").map(|element| dependency(element, "component", report)).collect(),
         order: root.grandchildren("coordination", "depends").map(|element| depends(element, report)).collect(),
-        monitors: root.children_of("monitor").map(|element| monitor(element, report)).collect(),
+        monitors: root.children_of("monitor").filter_map(|element| monitor(element, report)).collect(),
         reference_models: root.children_of("reference_model").map(|element| reference_model(element, report)).collect(),
         votings: root.children_of("voting").map(|element| voting(element, report)).collect(),
     }
@@ -195,7 +214,8 @@ pub fn read(root: &Element, report: &mut Reporter) -> Assembly {
 fn subcomponent(element: &Element, report: &mut Reporter) -> Option<Subcomponent> {
     let fault_tolerance = element.child("fault_tolerance").map(|rules| fault_rules::read(rules, report));
     let overrides = component::properties(element, report);
-    let (name, reference) = (element.child("name")?, element.child("reference")?);
+    let name = element.child("name")?;
+    let reference = element.child("reference").cloned().unwrap_or_default();
     let properties = element.grandchildren("properties", "property");
     let spots: Vec<(String, Spot)> =
         properties.map(|property| report.value_word(property, "name")).map(|word| (word.text, word.spot)).collect();
@@ -207,12 +227,12 @@ fn subcomponent(element: &Element, report: &mut Reporter) -> Option<Subcomponent
     Some(Subcomponent {
         properties: overrides.into_iter().map(locate).collect(),
         name: report.text_word(name),
-        reference: report.text_word(reference),
+        reference: report.text_word(&reference),
         node: report.text_word(element.child("node_id").unwrap_or(&Element::default())),
         executor: element.child("executor").filter(|named| !named.text.is_empty()).map(|named| report.text_word(named)),
         fault_tolerance,
     })
-    .filter(|slot| !slot.name.text.is_empty() && !slot.reference.text.is_empty())
+    .filter(|slot| !slot.name.text.is_empty())
 }
 
 fn connection(element: &Element, report: &mut Reporter) -> Option<Connection> {
@@ -230,6 +250,7 @@ fn connection(element: &Element, report: &mut Reporter) -> Option<Connection> {
     }
     Some(Connection {
         kind,
+        kind_spot: report.value_word(element, "port_type").spot,
         source: end(element.child("source")?, report)?,
         target: end(element.child("target")?, report)?,
         validity,
@@ -282,19 +303,25 @@ fn depends(element: &Element, report: &mut Reporter) -> (Word, Word) {
     (report.value_word(element, "source"), report.value_word(element, "target"))
 }
 
-fn monitor(element: &Element, report: &mut Reporter) -> Monitor {
+/// `None`: it does not say of which port.
+fn monitor(element: &Element, report: &mut Reporter) -> Option<Monitor> {
     let port = End { component: report.value_word(element, "component"), port: report.value_word(element, "port") };
-    Monitor { port, validity: fault_rules::validities(element, report), max_age: fault_rules::max_age(element, report) }
+    let (validity, max_age) = (fault_rules::validities(element, report), fault_rules::max_age(element, report));
+    if port.component.text.is_empty() || port.port.text.is_empty() {
+        return None;
+    }
+    // What it holds instead is told already.
+    if element.children.is_empty() && !element.misread {
+        report.error(element.name_span, "<monitor> watches nothing").hint =
+            Some("give it <validity>, with a limit, or <max_age>".to_owned());
+    }
+    Some(Monitor { port, validity, max_age, spot: report.spot(element.name_span) })
 }
 
 fn reference_model(element: &Element, report: &mut Reporter) -> ReferenceModel {
     let threshold = quantity::number(element.value_of("threshold")).unwrap_or(0.0);
     if threshold < 0.0 {
         report.error(report.value_word(element, "threshold").spot.span, "threshold must not be negative");
-    }
-    let window = quantity::duration(element.value_of("window")).unwrap_or_default();
-    if window.is_zero() && element.attribute("window").is_some() {
-        report.error(report.value_word(element, "window").spot.span, "window must be more than 0");
     }
     ReferenceModel {
         component: report.value_word(element, "component"),
@@ -303,22 +330,25 @@ fn reference_model(element: &Element, report: &mut Reporter) -> ReferenceModel {
         output: report.value_word(element, "output"),
         field: element.value_of("field").to_owned(),
         measure: if element.value_of("compare") == "rate" { Measure::Rate } else { Measure::Value },
-        window,
+        window: fault_rules::positive(element, "window", report),
         threshold,
         spot: report.spot(element.name_span),
     }
 }
 
+/// Two can disagree, but only three can outvote one.
+pub const LEAST: usize = 3;
+
 fn voting(element: &Element, report: &mut Reporter) -> Voting {
-    /// Two can disagree, but only three can outvote one.
-    const LEAST: usize = 3;
     let inputs = report.value_words(element, "inputs");
     if !inputs.is_empty() && inputs.len() < LEAST {
         let span = report.value_word(element, "inputs").spot.span;
-        report.error(span, format!("a vote needs at least {LEAST} inputs, here are {}", inputs.len()));
+        report.error(span, format!("a vote needs at least {LEAST} inputs, here are {}", inputs.len())).hint =
+            Some("two can disagree, but only three can outvote one".to_owned());
     }
     if let Some(beyond) = inputs.get(limits::VOTERS) {
-        report.error(beyond.spot.span, format!("more than {} inputs of one vote", limits::VOTERS));
+        report.error(beyond.spot.span, format!("more than {} inputs of one vote", limits::VOTERS)).hint =
+            Some("leave some out: three already outvote one".to_owned());
     }
     let tolerance = quantity::number(element.value_of("tolerance")).unwrap_or(0.0);
     if tolerance < 0.0 {

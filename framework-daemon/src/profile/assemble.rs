@@ -24,16 +24,56 @@ use crate::model::names::FAULT_MANAGER;
 pub enum Placed {
     /// A slot, by index.
     Slot(usize),
-    /// A composite: its exported ports and the slots in it.
-    Composite(Vec<Port>, Vec<usize>),
+    /// A composite.
+    Composite(Inside),
     /// A voter: its output.
     Voter(Box<Port>),
     /// Something that could not be read; reported where it is declared.
     Broken,
 }
 
+/// What shows of a composite, and what is in it.
+#[derive(Debug)]
+pub struct Inside {
+    /// Its exported ports.
+    pub ports: Vec<Port>,
+    /// The slots in it, by index.
+    pub slots: Vec<usize>,
+    /// True where a port is not exported because of an error: that it is missing is no news.
+    pub incomplete: bool,
+}
+
 /// The names of one assembly.
-pub type Scope = BTreeMap<String, Placed>;
+#[derive(Debug, Default)]
+pub struct Scope {
+    names: BTreeMap<String, Placed>,
+    /// True where a name could not be read: one that is not here may be meant by it, which is reported.
+    pub incomplete: bool,
+}
+
+impl Scope {
+    /// What a name stands for.
+    #[must_use]
+    pub fn get(&self, name: &str) -> Option<&Placed> {
+        self.names.get(name)
+    }
+
+    /// True where something has that name.
+    #[must_use]
+    pub fn contains_key(&self, name: &str) -> bool {
+        self.names.contains_key(name)
+    }
+
+    /// Gives something a name.
+    pub fn insert(&mut self, name: String, placed: Placed) {
+        self.names.insert(name, placed);
+    }
+
+    /// All names.
+    pub fn keys(&self) -> impl Iterator<Item = &String> {
+        self.names.keys()
+    }
+}
 
 /// One assembly, placed: what `validate` resolves its rules with.
 #[derive(Debug)]
@@ -55,10 +95,18 @@ pub struct Assembler {
     pub placements: Vec<Placement>,
     /// Declared executors.
     pub executors: Vec<ExecutorPlan>,
+    /// True where one of them could not be read: another that is missing is no news.
+    pub executors_unknown: bool,
+    /// Slots whose fault brings the robot to its safe state, and where that is said.
+    pub(super) emergencies: Vec<(String, Spot)>,
     /// What was found.
     pub findings: Vec<Diagnostic>,
     /// Slots of whose component a port could not be read: another port that is missing is no news.
     pub(super) incomplete: HashSet<String>,
+    /// Slots and composites that could not be placed: that they are missing is no news.
+    pub(super) broken: HashSet<String>,
+    /// True where a slot of any assembly has no name that could be read.
+    pub(super) incomplete_slots: bool,
     /// Files of the components that fill a slot or stand by.
     pub used: HashSet<PathBuf>,
     /// The line of each connection.
@@ -103,15 +151,9 @@ impl Assembler {
     }
 
     /// Places an assembly under `prefix` and returns its exported ports and its slots.
-    fn place(
-        &mut self,
-        files: &mut Files,
-        document: &Arc<Document>,
-        assembly: &Assembly,
-        prefix: &str,
-    ) -> (Vec<Port>, Vec<usize>) {
+    fn place(&mut self, files: &mut Files, document: &Arc<Document>, assembly: &Assembly, prefix: &str) -> Inside {
         let first_slot = self.slots.len();
-        let mut scope = Scope::new();
+        let mut scope = Scope { incomplete: assembly.incomplete, ..Scope::default() };
         let mut lines: HashMap<&str, u32> = HashMap::new();
         for subcomponent in &assembly.subcomponents {
             let name = &subcomponent.name;
@@ -126,6 +168,9 @@ impl Assembler {
             }
             lines.insert(&name.text, name.spot.location().line);
             let placed = self.subcomponent(files, &document.path, subcomponent, prefix);
+            if matches!(placed, Placed::Broken) {
+                self.broken.insert(format!("{prefix}{}", name.text));
+            }
             scope.insert(name.text.clone(), placed);
         }
         self.votings(assembly, prefix, &mut scope);
@@ -133,13 +178,15 @@ impl Assembler {
             self.connection(connection, &scope);
         }
         self.reference_models(assembly, &scope);
-        let exports = self.exports(assembly, &scope);
+        self.incomplete_slots |= assembly.incomplete;
+        let (ports, all) = self.exports(assembly, &scope);
+        let incomplete = assembly.incomplete || !all;
         self.placements.push(Placement { document: Arc::clone(document), scope });
-        (exports, (first_slot..self.slots.len()).collect())
+        Inside { ports, slots: (first_slot..self.slots.len()).collect(), incomplete }
     }
 
     fn subcomponent(&mut self, files: &mut Files, from: &Path, slot: &Subcomponent, prefix: &str) -> Placed {
-        if self.exhausted {
+        if self.exhausted || slot.reference.text.is_empty() {
             return Placed::Broken;
         }
         let Some((index, document)) = self.follow(files, from, &slot.reference) else { return Placed::Broken };
@@ -212,16 +259,21 @@ impl Assembler {
         }
         let inner = self.inherit(slot, inner);
         self.open.push((index, inner.name.text.clone()));
-        let (exports, slots) = self.place(files, document, &inner, &format!("{name}."));
+        let inside = self.place(files, document, &inner, &format!("{name}."));
         self.open.pop();
         self.placed_composites.push(CompositePlan {
             name,
             profile: inner.name.text.clone(),
             application: self.application.clone(),
-            slots: slots.iter().filter_map(|index| self.slots.get(*index)).map(|slot| slot.name.clone()).collect(),
-            exports: exports.iter().map(|port| (port.name.clone(), port.end.clone())).collect(),
+            slots: inside
+                .slots
+                .iter()
+                .filter_map(|index| self.slots.get(*index))
+                .map(|slot| slot.name.clone())
+                .collect(),
+            exports: inside.ports.iter().map(|port| (port.name.clone(), port.end.clone())).collect(),
         });
-        Placed::Composite(exports, slots)
+        Placed::Composite(inside)
     }
 
     /// Reports a limit of the whole plan, once.
@@ -241,6 +293,13 @@ impl Assembler {
         let message = format!("slot \"{name}\" is already declared in {}:{line}", file.display());
         self.error(spot, message, "slots of all applications share one space of names: rename one");
         true
+    }
+
+    /// True where a slot of that name may only be missing because of an error that is told elsewhere.
+    #[must_use]
+    pub fn may_be_missing(&self, slot: &str) -> bool {
+        let lies_in = |broken: &String| slot.strip_prefix(broken.as_str()).is_some_and(|rest| rest.starts_with('.'));
+        self.exhausted || self.incomplete_slots || self.broken.contains(slot) || self.broken.iter().any(lies_in)
     }
 
     /// Where a slot was declared.

@@ -29,6 +29,9 @@ pub struct ComponentProfile {
     /// True where a port was dropped because of an error in it.
     #[serde(skip)]
     pub incomplete: bool,
+    /// True where a property was.
+    #[serde(skip)]
+    pub lacks_properties: bool,
     /// Why it cannot run by itself: it is periodic and states no period. Its slot's executor may state one.
     #[serde(skip)]
     pub missing_period: Option<Box<Diagnostic>>,
@@ -80,7 +83,15 @@ pub fn read(root: &Element, report: &mut Reporter) -> ComponentProfile {
     let read = plan.data_ports.len() + plan.event_ports.len() + plan.service_ports.len();
     let written: usize = root.children_of("ports").map(|ports| ports.children.len()).sum();
     let declared = declared(&semantics, &environment);
-    ComponentProfile { plan: Arc::new(plan), declared, incomplete: read != written, missing_period }
+    let lists = || root.children_of("properties");
+    let given: usize = lists().map(|list| list.children.len()).sum();
+    ComponentProfile {
+        declared,
+        incomplete: read != written || root.misread,
+        lacks_properties: given != plan.properties.len() || lists().any(|list| list.misread) || root.misread,
+        plan: Arc::new(plan),
+        missing_period,
+    }
 }
 
 fn declared(semantics: &Element, environment: &Element) -> Declared {
@@ -134,6 +145,8 @@ fn trigger(semantics: &Element, missing: &mut Option<Box<Diagnostic>>, report: &
         return if kind == "passive" { Trigger::Passive } else { Trigger::Nonperiodic };
     }
     match period {
+        // What stands there instead is told already.
+        None if semantics.misread => Trigger::Periodic(limits::PERIOD_MIN),
         None => {
             let span = semantics
                 .child("period")
@@ -227,6 +240,9 @@ pub fn properties(parent: &Element, report: &mut Reporter) -> Vec<Property> {
             type_name: element.value_of("type").to_owned(),
             value: element.text.clone(),
         };
+        if property.name.is_empty() {
+            continue;
+        }
         if !names.insert(property.name.clone()) {
             let word = report.value_word(element, "name");
             report.error(word.spot.span, format!("property \"{}\" is given twice", property.name)).hint =
@@ -292,10 +308,15 @@ fn usage(port: &Element) -> Option<Usage> {
     }
 }
 
+/// One without is told already, and nothing can be connected with it.
+fn has_name(port: &Element) -> bool {
+    !port.text_of("name").is_empty()
+}
+
 fn data_port(port: &Element, report: &mut Reporter) -> Option<DataPortPlan> {
     let (queue, validity, max_age) =
         (queue(port, report), fault_rules::validities(port, report), fault_rules::max_age(port, report));
-    let usage = usage(port)?;
+    let usage = usage(port).filter(|_| has_name(port))?;
     if let Some(age) = port.child("max_age").filter(|_| usage == Usage::Output) {
         report.error(age.name_span, "<max_age> belongs to an input: an output cannot know how long nobody wrote");
     }
@@ -361,7 +382,7 @@ fn queue_size(port: &Element, report: &mut Reporter) -> usize {
 }
 
 fn event_port(port: &Element, report: &mut Reporter) -> Option<EventPortPlan> {
-    let usage = usage(port)?;
+    let usage = usage(port).filter(|_| has_name(port))?;
     let receives = usage == Usage::Input;
     let queue_size = belonging(port, "queue_size", receives, report).and_then(|element| element.text.parse().ok());
     let _ = belonging(port, "overflow", receives, report);
@@ -383,7 +404,7 @@ fn service_port(port: &Element, report: &mut Reporter) -> Option<ServicePortPlan
         "required" => false,
         _ => return None,
     };
-    Some(ServicePortPlan {
+    has_name(port).then(|| ServicePortPlan {
         name: port.text_of("name").to_owned(),
         provided,
         type_name: port.text_of("type").to_owned(),

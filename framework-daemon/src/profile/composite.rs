@@ -53,4 +53,5 @@ fn export(element: &Element, report: &Reporter) -> Option<Export> {
         direction: report.text_word(element.child("port_dir").unwrap_or(&Element::default())),
         name: report.text_word(outside),
     })
+    .filter(|export| !export.component.text.is_empty() && !export.port.text.is_empty())
 }

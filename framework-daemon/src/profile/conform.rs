@@ -1,9 +1,13 @@
 //! A tree against its vocabulary: unknown, missing, repeated, misspelt, of the wrong kind.
 //!
 //! Everything that a table can say is said here, so that the files that extract (`component`, `application`, ...) need not
-//! look at errors at all: they read what is there. A name in the wrong case is put right in the tree, with a warning.
+//! look at errors at all: they read what is there. A name in the wrong case is put right in the tree, with a warning; a
+//! misspelt one is put right too, once its error is told, so that one mistake is one error: who wrote `<nam>` need not hear
+//! that `<name>` is missing, and that nothing is called what stands in it.
 
-use super::diagnostic::Reporter;
+use std::collections::HashSet;
+
+use super::diagnostic::{Reporter, words_of};
 use super::quantity;
 use super::source::Span;
 use super::suggest;
@@ -22,6 +26,8 @@ pub fn conform(element: &mut Element, rule: &'static ElementRule, report: &mut R
 }
 
 fn check_attributes(element: &mut Element, rule: &'static ElementRule, report: &mut Reporter) {
+    let mut given: HashSet<String> = element.attributes.iter().map(|attribute| attribute.name.clone()).collect();
+    let mut misread = false;
     for attribute in &mut element.attributes {
         // What ties a file to its schema is nobody's business but the editor's.
         if attribute.name.starts_with("xmlns")
@@ -30,53 +36,99 @@ fn check_attributes(element: &mut Element, rule: &'static ElementRule, report: &
         {
             continue;
         }
-        check_attribute(attribute, rule, report);
+        misread |= !check_attribute(attribute, rule, &mut given, report);
     }
-    for wanted in rule.attributes.iter().filter(|wanted| wanted.required) {
-        if element.attribute(wanted.name).is_none() {
-            let message = format!("<{}> needs the attribute {}", rule.name, wanted.name);
-            report.error(element.name_span, message).hint = Some(format!("{}: {}", wanted.name, wanted.about));
-        }
-    }
+    element.misread |= misread;
+    let missing = rule.attributes.iter().filter(|wanted| wanted.required && element.attribute(wanted.name).is_none());
+    let missing: Vec<(String, &str)> = missing.map(|wanted| (wanted.name.to_owned(), wanted.about)).collect();
+    tell_missing(element, rule, "attribute", &missing, report);
 }
 
-fn check_attribute(attribute: &mut Attribute, rule: &'static ElementRule, report: &mut Reporter) {
-    let Some(found) = find_attribute(attribute, rule, report) else {
-        let names: Vec<&str> = rule.attributes.iter().map(|known| known.name).collect();
-        let hint = suggest::hint(&attribute.name, &names, str::to_owned);
-        let message = format!("unknown attribute {} in <{}>", attribute.name, rule.name);
-        report.error(attribute.name_span, message).hint = hint;
-        return;
-    };
+/// All that an element lacks of one sort, as one error.
+fn tell_missing(
+    element: &Element,
+    rule: &'static ElementRule,
+    sort: &str,
+    missing: &[(String, &str)],
+    report: &mut Reporter,
+) {
+    let Some(((last, _), before)) = missing.split_last() else { return };
+    let plural = if before.is_empty() { "" } else { "s" };
+    let mut names = before.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
+    names.push_str(if before.is_empty() { "" } else { " and " });
+    let message = format!("<{}> needs the {sort}{plural} {names}{last}", rule.name);
+    let about: Vec<String> = missing.iter().map(|(name, about)| format!("{name}: {about}")).collect();
+    report.error(element.name_span, message).hint = Some(about.join(" "));
+}
+
+/// False where it says nothing.
+fn check_attribute(
+    attribute: &mut Attribute,
+    rule: &'static ElementRule,
+    given: &mut HashSet<String>,
+    report: &mut Reporter,
+) -> bool {
+    let Some(found) = find_attribute(attribute, rule, given, report) else { return false };
     if attribute.value.trim().is_empty() {
         if found.required || !matches!(found.kind, Kind::Text | Kind::Usually(_)) {
             report.error(attribute.name_span, format!("the attribute {} is empty", found.name)).hint =
                 Some(format!("{}: {}", found.name, found.about));
         }
-        return;
+        return false;
     }
+    let blanks = attribute.value.len() - attribute.value.trim_start().len();
+    attribute.value_span.start += u32::try_from(blanks).unwrap_or(0);
     attribute.value = attribute.value.trim().to_owned();
     check_kind(&mut attribute.value, attribute.value_span, found.kind, found.name, report);
+    true
 }
 
+/// The rule that an attribute falls under. A misspelt one is put right in the tree once it is reported, so that nothing that
+/// follows from it is reported too.
 fn find_attribute(
     attribute: &mut Attribute,
     rule: &'static ElementRule,
+    given: &mut HashSet<String>,
     report: &mut Reporter,
 ) -> Option<&'static AttributeRule> {
     if let Some(found) = rule.attributes.iter().find(|known| known.name == attribute.name) {
         return Some(found);
     }
-    let found = rule.attributes.iter().find(|known| same_but_case(known.name, &attribute.name))?;
-    report.warning(attribute.name_span, format!("attribute {} is written {}", attribute.name, found.name));
+    let names: Vec<&str> = rule.attributes.iter().map(|known| known.name).collect();
+    let other_case = names.iter().copied().find(|name| same_but_case(name, &attribute.name));
+    let wanted = rule.attributes.iter().filter(|known| known.required && !given.contains(known.name));
+    // Nobody will read the hints beyond the limit.
+    let near = || suggest::nearest(&attribute.name, names.iter().copied()).filter(|_| !report.is_full());
+    let meant = other_case.or_else(near).or_else(|| only(wanted).map(|known| known.name));
+    let free = meant.filter(|name| !given.contains(*name));
+    if other_case.is_some() && free.is_some() {
+        let message = format!("attribute {} is written {}", attribute.name, free.unwrap_or_default());
+        report.warning(attribute.name_span, message);
+    } else {
+        let hint = match (meant, free) {
+            (Some(name), None) => format!("{name} stands here already: remove one of them"),
+            (Some(name), Some(_)) => format!("did you mean {name}?"),
+            (None, _) if names.is_empty() => format!("<{}> has no attributes", rule.name),
+            (None, _) => format!("possible here: {}", suggest::listed(names)),
+        };
+        let message = format!("unknown attribute {} in <{}>", attribute.name, rule.name);
+        report.error(attribute.name_span, message).hint = Some(hint);
+    }
+    let found = rule.attributes.iter().find(|known| Some(known.name) == free)?;
     found.name.clone_into(&mut attribute.name);
+    given.insert(found.name.to_owned());
     Some(found)
 }
 
 fn check_children(element: &mut Element, rule: &'static ElementRule, report: &mut Reporter) {
+    let mut given: HashSet<String> = element.children.iter().map(|child| child.name.clone()).collect();
+    let mut misread = false;
     let mut first_seen: Vec<Option<Span>> = vec![None; rule.children.len()];
     for child in &mut element.children {
-        let Some(index) = find_child(child, rule, report) else { continue };
+        let Some(index) = find_child(child, rule, &mut given, report) else {
+            misread = true;
+            continue;
+        };
         let Some((times, child_rule)) = rule.children.get(index) else { continue };
         if let Some(Some(first)) = first_seen.get(index)
             && *times != Times::Many
@@ -90,16 +142,22 @@ fn check_children(element: &mut Element, rule: &'static ElementRule, report: &mu
         }
         conform(child, child_rule, report);
     }
-    for ((times, wanted), seen) in rule.children.iter().zip(&first_seen) {
-        if *times == Times::One && seen.is_none() {
-            let message = format!("<{}> needs the element <{}>", rule.name, wanted.name);
-            report.error(element.name_span, message).hint = Some(format!("<{}>: {}", wanted.name, wanted.about));
-        }
-    }
+    element.misread |= misread;
+    let wanted = rule.children.iter().zip(&first_seen).filter(|((times, _), _)| *times == Times::One);
+    let missing = wanted.filter(|(_, seen)| seen.is_none());
+    let missing: Vec<(String, &str)> =
+        missing.map(|((_, wanted), _)| (format!("<{}>", wanted.name), wanted.about)).collect();
+    tell_missing(element, rule, "element", &missing, report);
 }
 
-/// The index of the rule that a child falls under; reports what falls under none.
-fn find_child(child: &mut Element, rule: &'static ElementRule, report: &mut Reporter) -> Option<usize> {
+/// The index of the rule that a child falls under; reports what falls under none. A misspelt one, or the only one that can be what
+/// is missing, is put right in the tree, as attributes are, where there is room for another of that name.
+fn find_child(
+    child: &mut Element,
+    rule: &'static ElementRule,
+    given: &mut HashSet<String>,
+    report: &mut Reporter,
+) -> Option<usize> {
     let exact = rule.children.iter().position(|(_, known)| known.name == child.name);
     if exact.is_some() {
         return exact;
@@ -111,25 +169,44 @@ fn find_child(child: &mut Element, rule: &'static ElementRule, report: &mut Repo
         return Some(index);
     }
     let message = format!("unknown element <{}> in <{}>", child.name, rule.name);
-    let hint = if report.is_full() { None } else { unknown_child_hint(&child.name, rule) };
+    // Nobody will read the hints beyond the limit.
+    if report.is_full() {
+        report.error(child.name_span, message);
+        return None;
+    }
+    let wanted = rule.children.iter().filter(|(times, known)| *times == Times::One && !given.contains(known.name));
+    // What belongs elsewhere is no other name for what is missing here.
+    let missing = only(wanted).filter(|_| vocabulary::parents_of(&child.name).is_empty()).map(|(_, known)| known.name);
+    let near = suggest::nearest(&child.name, rule.children.iter().map(|(_, known)| known.name)).or(missing);
+    let hint = near.map(|near| format!("did you mean <{near}>?")).or_else(|| unknown_child_hint(&child.name, rule));
     report.error(child.name_span, message).hint = hint;
-    None
+    let index = rule.children.iter().position(|(_, known)| Some(known.name) == near)?;
+    let (times, known) = rule.children.get(index)?;
+    if *times != Times::Many && given.contains(known.name) {
+        return None;
+    }
+    known.name.clone_into(&mut child.name);
+    given.insert(known.name.to_owned());
+    Some(index)
+}
+
+/// The one there is; `None`: there is none, or several.
+fn only<T>(mut all: impl Iterator<Item = T>) -> Option<T> {
+    all.next().filter(|_| all.next().is_none())
 }
 
 fn unknown_child_hint(name: &str, rule: &'static ElementRule) -> Option<String> {
-    let known: Vec<&str> = rule.children.iter().map(|(_, child)| child.name).collect();
-    if let Some(near) = suggest::nearest(name, known.iter().copied()) {
-        return Some(format!("did you mean <{near}>?"));
-    }
     let parents = vocabulary::parents_of(name);
     if !parents.is_empty() {
         let list: Vec<String> = parents.iter().map(|parent| format!("<{parent}>")).collect();
         return Some(format!("<{name}> belongs in {}", list.join(", ")));
     }
+    let known = rule.children.iter().filter(|(_, child)| child.content != Content::Noise);
+    let known: Vec<String> = known.map(|(_, child)| format!("<{}>", child.name)).collect();
     if known.is_empty() {
         return Some(format!("<{}> holds no elements", rule.name));
     }
-    suggest::hint(name, &known, |known| format!("<{known}>"))
+    Some(format!("possible here: {}", suggest::listed(known.iter().map(String::as_str))))
 }
 
 fn check_text(element: &mut Element, rule: &'static ElementRule, report: &mut Reporter) {
@@ -163,7 +240,7 @@ fn check_kind(text: &mut String, span: Span, kind: Kind, what: &str, report: &mu
     let wrong = match kind {
         Kind::Text => None,
         Kind::Name => overlong(text),
-        Kind::Names => text.split_whitespace().find_map(overlong),
+        Kind::Names => return check_names(text, span, what, report),
         Kind::OneOf(words) => return check_word(text, span, words, true, what, report),
         Kind::Usually(words) => return check_word(text, span, words, false, what, report),
         Kind::Duration => quantity::duration(text).err(),
@@ -174,6 +251,27 @@ fn check_kind(text: &mut String, span: Span, kind: Kind, what: &str, report: &mu
     };
     if let Some(wrong) = wrong {
         report.error(span, format!("{what}: {wrong}"));
+    }
+}
+
+/// A list of names. Commas are taken for blanks, once they are reported.
+fn check_names(text: &mut String, span: Span, what: &str, report: &mut Reporter) {
+    if let Some(at) = text.find(',') {
+        let comma = Span::new(span.start as usize + at, 1);
+        report.error(comma, format!("{what}: names are separated by blanks, not by commas")).hint = Some(format!(
+            "write {what}=\"{}\"",
+            text.split([',', ' ']).filter(|name| !name.is_empty()).collect::<Vec<_>>().join(" ")
+        ));
+        *text = text.replace(',', " ");
+    }
+    let mut names = HashSet::new();
+    for (name, span) in words_of(text, span) {
+        if let Some(wrong) = overlong(name) {
+            report.error(span, format!("{what}: {wrong}"));
+        } else if !names.insert(name) {
+            report.error(span, format!("{what}: \"{name}\" stands here twice")).hint =
+                Some("remove one of them".to_owned());
+        }
     }
 }
 
@@ -194,9 +292,12 @@ fn check_word(
         return;
     }
     let message = format!("{what}: \"{text}\" is not one of {}", words.join(", "));
-    let hint = suggest::nearest(text, words.iter().copied()).map(|word| format!("did you mean {word}?"));
+    let near = suggest::nearest(text, words.iter().copied());
+    let hint = near.map(|word| format!("did you mean {word}?"));
     if strict {
         report.error(span, message).hint = hint;
+        // What follows from it is no news.
+        near.unwrap_or(text).to_owned().clone_into(text);
     } else {
         report.warning(span, message).hint =
             hint.or_else(|| Some("OPRoS accepted it, so it is accepted here".to_owned()));

@@ -69,10 +69,10 @@ impl Diagnostic {
         Self { level, message: message.into(), hint: None, location, excerpt: Excerpt::default() }
     }
 
-    /// The same with a way out.
+    /// The same with a way out; an empty one is none.
     #[must_use]
     pub fn with_hint(mut self, hint: impl Into<String>) -> Self {
-        self.hint = Some(hint.into());
+        self.hint = Some(hint.into()).filter(|hint| !hint.is_empty());
         self
     }
 
@@ -207,15 +207,8 @@ impl Reporter {
     #[must_use]
     pub fn value_words(&self, element: &Element, name: &str) -> Vec<Word> {
         let Some(found) = element.attribute(name) else { return Vec::new() };
-        let mut words = Vec::new();
-        let mut offset = 0;
-        for text in found.value.split_whitespace() {
-            let at = found.value.get(offset..).and_then(|rest| rest.find(text)).map_or(offset, |at| offset + at);
-            let span = Span::new(found.value_span.start as usize + at, text.len());
-            words.push(Word { text: text.to_owned(), spot: self.spot(span) });
-            offset = at + text.len();
-        }
-        words
+        let word = |(text, span): (&str, Span)| Word { text: text.to_owned(), spot: self.spot(span) };
+        words_of(&found.value, found.value_span).map(word).collect()
     }
 
     /// File, line and column of `span`.
@@ -252,6 +245,16 @@ impl Reporter {
         self.findings.push(Diagnostic::at(level, &self.source, span, message));
         self.findings.last_mut().unwrap_or(&mut self.beyond)
     }
+}
+
+/// The words of a list, each with its own place.
+pub fn words_of(list: &str, span: Span) -> impl Iterator<Item = (&str, Span)> {
+    let mut offset = 0;
+    list.split_whitespace().map(move |text| {
+        let at = list.get(offset..).and_then(|rest| rest.find(text)).map_or(offset, |at| offset + at);
+        offset = at + text.len();
+        (text, Span::new(span.start as usize + at, text.len()))
+    })
 }
 
 /// Sorts by file (in the order given by `rank`), line and column, removes repetitions, and cuts what is beyond the limit.

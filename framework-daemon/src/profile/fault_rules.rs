@@ -25,9 +25,9 @@ pub struct Declared {
     pub rules: FaultRules,
     /// The references.
     pub references: Vec<Secondary>,
-    /// Where the element stands.
+    /// Where it says that a fault brings the robot to its safe state.
     #[serde(skip)]
-    pub spot: Spot,
+    pub emergency: Option<Spot>,
 }
 
 /// A `<secondary>` as written.
@@ -53,8 +53,12 @@ pub fn read(element: &Element, report: &mut Reporter) -> Declared {
         coverage: coverage(element),
     };
     let references = secondaries(element, report);
-    let declared = Declared { rules, references, spot: report.spot(element.name_span) };
+    let declared = Declared { rules, references, emergency: emergency(element, report) };
     warn_of_idle_ladder(element, &declared, report);
+    if element.children.is_empty() {
+        report.warning(element.name_span, "<fault_tolerance> says nothing").hint =
+            Some("say what to do about a fault, <severity>reset</severity>, or remove it".to_owned());
+    }
     declared
 }
 
@@ -71,6 +75,13 @@ fn warn_of_idle_ladder(element: &Element, declared: &Declared, report: &mut Repo
     }
 }
 
+/// The first rule that brings the robot to its safe state.
+fn emergency(element: &Element, report: &Reporter) -> Option<Spot> {
+    let severity = element.children_of("severity").find(|rule| rule.text == Severity::Emergency.name());
+    let coverage = element.child("coverage").filter(|coverage| coverage.text == "system");
+    severity.or(coverage).map(|rule| report.spot(rule.text_span))
+}
+
 /// Symptoms that the element names one by one.
 fn named(element: &Element) -> Vec<Symptom> {
     element.children_of("severity").filter_map(|rule| Symptom::from_name(rule.value_of("symptom"))).collect()
@@ -84,6 +95,9 @@ fn severities(element: &Element, report: &mut Reporter) -> SeverityTable {
     for rule in element.children_of("severity") {
         let Some(severity) = Severity::from_name(&rule.text) else { continue };
         let symptom = rule.value_of("symptom");
+        if symptom.is_empty() && rule.misread {
+            continue;
+        }
         if !seen.insert(symptom) {
             let what = if symptom.is_empty() {
                 "a default severity".to_owned()

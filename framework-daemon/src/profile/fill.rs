@@ -40,9 +40,14 @@ impl Assembler {
         }
         let component_plan = self.with_period(slot, component);
         let rules = self.rules(files, from, slot, &component_plan, component.incomplete);
+        if let Some(spot) = slot.fault_tolerance.as_ref().and_then(|declared| declared.emergency.clone()) {
+            self.emergencies.push((name.clone(), spot));
+        }
         let secondaries = rules.secondaries.iter().map(|secondary| &*secondary.component);
         let classes: Vec<&ComponentPlan> = std::iter::once(&*component_plan).chain(secondaries).collect();
-        self.check_properties(slot, &classes);
+        if !component.lacks_properties {
+            self.check_properties(slot, &classes);
+        }
         let plan = SlotPlan {
             application: self.application.clone(),
             properties: overridden(&component_plan, slot),
@@ -74,7 +79,7 @@ impl Assembler {
     fn executor_of(&mut self, slot: &Subcomponent) -> Option<ExecutorPlan> {
         let name = slot.executor.as_ref()?;
         let found = self.executors.iter().find(|executor| executor.name == name.text).cloned();
-        if found.is_none() {
+        if found.is_none() && !self.executors_unknown {
             let names: Vec<&str> = self.executors.iter().map(|executor| executor.name.as_str()).collect();
             let hint = suggest::hint(&name.text, &names, str::to_owned)
                 .unwrap_or_else(|| "declare it in the system_profile: <executor name=\"...\"/>".to_owned());
@@ -151,12 +156,11 @@ impl Assembler {
             want.iter().filter(|port| !have.iter().any(|other| same(port, other))).map(describe).collect()
         };
         let (missing, extra) = (lacks(&theirs, &ours), lacks(&ours, &theirs));
-        for (what, ports) in [("lacks", missing), ("has besides", extra)] {
-            if !ports.is_empty() {
-                let message = format!("{} {what} {}", secondary.name, ports.join(", "));
-                let hint = format!("a secondary needs the same ports as its primary, {}", primary.name);
-                self.error(spot, message, &hint);
-            }
+        let differs = [("lacks", missing), ("has besides", extra)].into_iter().filter(|(_, ports)| !ports.is_empty());
+        let differs: Vec<String> = differs.map(|(what, ports)| format!("{what} {}", ports.join(", "))).collect();
+        if !differs.is_empty() {
+            let hint = format!("a secondary needs the same ports as its primary, {}", primary.name);
+            self.error(spot, format!("{} {}", secondary.name, differs.join(", and ")), &hint);
         }
         for port in &ours {
             if let Some(other) = theirs.iter().find(|other| same(port, other) && other.type_name != port.type_name) {

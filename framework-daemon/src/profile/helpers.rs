@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::application::{Assembly, End, ReferenceModel, Voting};
+use super::application::{Assembly, End, LEAST, ReferenceModel, Voting};
 use super::assemble::{Assembler, Placed, Scope};
 use super::plan::{ConnectionPlan, Location, Measure, PortKind, PortRef, SlotPlan, Trigger, VotingMethod};
 use super::quantity::format_duration;
@@ -81,8 +81,16 @@ impl Assembler {
     }
 
     fn voting(&mut self, voting: &Voting, prefix: &str, scope: &Scope) -> Placed {
+        // Too few are told already: whatever they are, they are to be changed.
+        if voting.inputs.len() < LEAST {
+            return Placed::Broken;
+        }
         let mut inputs: Vec<Port> = Vec::new();
-        for word in &voting.inputs {
+        for (at, word) in voting.inputs.iter().enumerate() {
+            // The same name twice in a list is told where lists are read.
+            if voting.inputs.iter().take(at).any(|other| other.text == word.text) {
+                continue;
+            }
             let Some(input) = self.voter(word, scope) else { continue };
             if inputs.iter().any(|other| other.end == input.end) {
                 let message = format!("\"{}\" votes twice", word.text);
@@ -116,10 +124,13 @@ impl Assembler {
             return self.dotted_port(word, scope).and_then(|port| self.output(port, word));
         }
         let part = |text: &str| Word { text: text.to_owned(), spot: word.spot.clone() };
-        let outputs = self.data_ports(&part(&word.text), scope)?.into_iter().filter(|port| port.is_source);
-        let mut outputs: Vec<Port> = outputs.collect();
+        let (ports, incomplete) = self.data_ports(&part(&word.text), scope)?;
+        let mut outputs: Vec<Port> = ports.into_iter().filter(|port| port.is_source).collect();
         if outputs.len() == 1 {
             return outputs.pop();
+        }
+        if incomplete {
+            return None;
         }
         let names: Vec<&str> = outputs.iter().map(|port| port.name.as_str()).collect();
         let message = format!("{} has {} data outputs", word.text, outputs.len());
@@ -155,30 +166,41 @@ impl Assembler {
             let message = format!("{} is a composite of {} slots", model.component.text, slots.len());
             return self.error(&model.component.spot, message, "name the slot inside it that is the model");
         }
+        if slot.name == target.end.slot {
+            let message = format!("{} is compared with itself: that finds nothing", model.component.text);
+            let hint = "the model is another slot, with a component that computes what the target should say";
+            return self.error(&model.component.spot, message, hint);
+        }
         let ports: Vec<Port> = data_ports_of(&slot);
         self.feed_model(model, &slot, &ports, &input);
-        let Some(output) = self.model_output(model, &ports, &target) else { return };
+        let Some(output) = self.model_output(model, &slot.name, &ports, &target) else { return };
         self.warn_of_short_window(model, [&slot.name, &target.end.slot]);
-        self.placed_models.push(ReferenceModelPlan {
+        let plan = ReferenceModelPlan {
             model: output.end,
             target: target.end,
             field: model.field.clone(),
             measure: model.measure,
-            window: model.window,
+            window: model.window.unwrap_or_default(),
             threshold: model.threshold,
             location: model.spot.location(),
-        });
+        };
+        if let Some(first) = self.placed_models.iter().find(|other| is_same_comparison(other, &plan)) {
+            let message = format!("these two are already compared over that window in line {}", first.location.line);
+            return self.error(&model.spot, message, "remove one of them: the smaller threshold would always be first");
+        }
+        self.placed_models.push(plan);
     }
 
     /// The port of the model that is compared.
-    fn model_output(&mut self, model: &ReferenceModel, ports: &[Port], target: &Port) -> Option<Port> {
+    fn model_output(&mut self, model: &ReferenceModel, slot: &str, ports: &[Port], target: &Port) -> Option<Port> {
         let outputs: Vec<&Port> = ports.iter().filter(|port| port.is_source).collect();
         let named = &model.output;
         let names: Vec<&str> = outputs.iter().map(|port| port.name.as_str()).collect();
         if !named.text.is_empty() {
             let found = outputs.iter().find(|port| port.name == named.text);
-            if found.is_none() {
-                let hint = suggest::hint(&named.text, &names, str::to_owned).unwrap_or_default();
+            if found.is_none() && !self.incomplete.contains(slot) {
+                let hint = suggest::hint(&named.text, &names, str::to_owned)
+                    .unwrap_or_else(|| format!("{} has no data outputs", model.component.text));
                 let message = format!("{} has no data output \"{}\"", model.component.text, named.text);
                 self.error(&named.spot, message, &hint);
             }
@@ -186,9 +208,12 @@ impl Assembler {
         }
         let fitting = only(outputs.iter().filter(|port| port.type_name == target.type_name));
         let found = fitting.or_else(|| only(outputs.iter())).map(|port| (*port).clone());
-        if found.is_none() {
+        if found.is_none() && !self.incomplete.contains(slot) {
             let message = format!("{} has {} data outputs", model.component.text, outputs.len());
-            let hint = format!("say which is compared: output=\"{}\"", names.first().unwrap_or(&"port"));
+            let hint = match names.first() {
+                Some(first) => format!("say which is compared: output=\"{first}\""),
+                None => "a model writes what it computes: name a slot that has an output".to_owned(),
+            };
             self.error(&model.component.spot, message, &hint);
         }
         found
@@ -213,9 +238,20 @@ impl Assembler {
         let inputs = ports.iter().filter(|port| !port.is_source);
         let fitting = only(inputs.clone().filter(|port| port.type_name == input.type_name)).or_else(|| only(inputs));
         let Some(port) = fitting else {
+            if self.incomplete.contains(&slot.name) {
+                return;
+            }
             let message = format!("no one input of {} fits {}", model.component.text, model.input.text);
             return self.error(&model.component.spot, message, "connect it by a <port_connection>");
         };
+        if port.type_name != input.type_name {
+            let message = format!(
+                "{} is of type {}, the model's only input, {}.{}, of type {}",
+                model.input.text, input.type_name, model.component.text, port.name, port.type_name
+            );
+            let hint = "a model hears what its target hears: names may differ; the layouts are compared when the plugins are loaded";
+            self.warning(&model.input.spot, message, hint);
+        }
         for source in sources {
             self.connect_helper(source, port.end.clone(), &model.spot);
         }
@@ -230,15 +266,16 @@ impl Assembler {
 
     /// Between two values that lie further apart than the window nothing is compared.
     fn warn_of_short_window(&mut self, model: &ReferenceModel, slots: [&String; 2]) {
+        let Some(window) = model.window else { return };
         let period = |name: &&String| {
             let slot = self.slots.iter().find(|slot| slot.name == **name)?;
             match slot.component.execution.trigger {
-                Trigger::Periodic(period) if period > model.window => Some(((*name).clone(), period)),
+                Trigger::Periodic(period) if period > window => Some(((*name).clone(), period)),
                 _ => None,
             }
         };
         let Some((slot, period)) = slots.iter().find_map(period) else { return };
-        let (window, period) = (format_duration(model.window), format_duration(period));
+        let (window, period) = (format_duration(window), format_duration(period));
         let message =
             format!("{slot} writes every {period}, a window of {window} is never filled: nothing is compared");
         self.warning(&model.spot, message, "make the window several periods long");
@@ -248,10 +285,12 @@ impl Assembler {
     pub(super) fn slots_called(&mut self, word: &Word, scope: &Scope) -> Vec<String> {
         let indices = match scope.get(&word.text) {
             Some(Placed::Slot(index)) => vec![*index],
-            Some(Placed::Composite(_, slots)) => slots.clone(),
-            Some(Placed::Voter(_)) => {
+            Some(Placed::Composite(inside)) => inside.slots.clone(),
+            Some(Placed::Voter(voter)) => {
                 let message = format!("\"{}\" is a voter, no slot", word.text);
-                self.error(&word.spot, message, "name the slots that vote: it never fails, they do");
+                let hint =
+                    format!("name the slots that vote, it never fails, they do: {}", self.members_of(&voter.end.slot));
+                self.error(&word.spot, message, &hint);
                 Vec::new()
             }
             Some(Placed::Broken) => Vec::new(),
@@ -262,6 +301,18 @@ impl Assembler {
             }
         };
         indices.iter().filter_map(|index| self.slots.get(*index)).map(|slot| slot.name.clone()).collect()
+    }
+
+    /// The slots whose outputs a voter votes over, as a list.
+    pub(super) fn members_of(&self, voter: &str) -> String {
+        let voting = self.placed_votings.iter().find(|voting| voting.name.as_deref() == Some(voter));
+        let mut names: Vec<&str> = Vec::new();
+        for input in voting.iter().flat_map(|voting| &voting.inputs) {
+            if !names.contains(&input.slot.as_str()) {
+                names.push(&input.slot);
+            }
+        }
+        suggest::listed(names)
     }
 
     /// `slot.port`: the port is behind the last dot, since slots in composites have dots in their names.
@@ -278,9 +329,12 @@ impl Assembler {
 
     /// The data port that an end names.
     pub(super) fn data_port(&mut self, end: &End, scope: &Scope) -> Option<Port> {
-        let data = self.data_ports(&end.component, scope)?;
+        let (data, incomplete) = self.data_ports(&end.component, scope)?;
         if let Some(found) = data.iter().find(|port| port.name == end.port.text) {
             return Some(found.clone());
+        }
+        if incomplete {
+            return None;
         }
         let names: Vec<&str> = data.iter().map(|port| port.name.as_str()).collect();
         let hint = suggest::hint(&end.port.text, &names, str::to_owned)
@@ -290,20 +344,32 @@ impl Assembler {
         None
     }
 
-    /// The data ports of whatever has that name; `None`: reported, here or where it is declared.
-    fn data_ports(&mut self, component: &Word, scope: &Scope) -> Option<Vec<Port>> {
-        let ports = match scope.get(&component.text) {
-            Some(Placed::Slot(index)) => data_ports_of(self.slots.get(*index)?),
-            Some(Placed::Composite(ports, _)) => ports.clone(),
-            Some(Placed::Voter(port)) => vec![(**port).clone()],
+    /// The data ports of whatever has that name, and whether one of them may be missing because of an error; `None`: reported,
+    /// here or where it is declared.
+    fn data_ports(&mut self, component: &Word, scope: &Scope) -> Option<(Vec<Port>, bool)> {
+        let (ports, incomplete) = match scope.get(&component.text) {
+            Some(Placed::Slot(index)) => {
+                let slot = self.slots.get(*index)?;
+                (data_ports_of(slot), self.incomplete.contains(&slot.name))
+            }
+            Some(Placed::Composite(inside)) => (inside.ports.clone(), inside.incomplete),
+            Some(Placed::Voter(port)) => (vec![(**port).clone()], false),
             Some(Placed::Broken) => return None,
             None => {
                 self.unknown_slot(component, scope);
                 return None;
             }
         };
-        Some(ports.into_iter().filter(|port| port.kind == PortKind::Data).collect())
+        Some((ports.into_iter().filter(|port| port.kind == PortKind::Data).collect(), incomplete))
     }
+}
+
+/// True where both find the same at the same time, but for the threshold. Of one pair a short and a long window find different things.
+fn is_same_comparison(one: &ReferenceModelPlan, other: &ReferenceModelPlan) -> bool {
+    let key = |plan: &ReferenceModelPlan| {
+        (plan.model.clone(), plan.target.clone(), plan.field.clone(), plan.measure, plan.window)
+    };
+    key(one) == key(other)
 }
 
 fn data_ports_of(slot: &SlotPlan) -> Vec<Port> {

@@ -61,16 +61,20 @@ pub fn survey(dir: &Path) -> Survey {
         Err(finding) => findings.push(finding),
     }
     let system = the_system(&top, &mut findings);
+    let all_read = top.iter().all(|document| document.profile.is_some() || is_stranger(document));
+    // A file that could not be read may well be the system that declares them.
     let mut assembler = Assembler::default();
+    assembler.executors_unknown = system.is_none() && !all_read;
     if let Some(Profile::System(profile)) = system.as_ref().and_then(|document| document.profile.as_ref()) {
         assembler.executors.clone_from(&profile.plan.executors);
+        assembler.executors_unknown = profile.incomplete;
     }
-    let applications = the_applications(dir, &top, &mut findings);
+    let applications = the_applications(dir, &top, all_read, &mut findings);
     for document in &applications {
         assembler.application(&mut files, document);
     }
     let used = std::mem::take(&mut assembler.used);
-    let plan = validate::finish(dir, system.as_deref(), &applications, assembler, &mut findings);
+    let plan = validate::finish(dir, system.as_deref(), (&applications, all_read), assembler, &mut findings);
     let diagnostics = verdict(&files, &used, findings);
     let accepted = !diagnostics.iter().any(Diagnostic::is_error);
     Survey { documents: files.documents().to_vec(), diagnostics, plan: accepted.then_some(plan) }
@@ -112,12 +116,16 @@ fn the_system(top: &[Arc<Document>], findings: &mut Vec<Diagnostic>) -> Option<A
     Some(Arc::clone(first))
 }
 
-fn the_applications(dir: &Path, top: &[Arc<Document>], findings: &mut Vec<Diagnostic>) -> Vec<Arc<Document>> {
+fn the_applications(
+    dir: &Path,
+    top: &[Arc<Document>],
+    all_read: bool,
+    findings: &mut Vec<Diagnostic>,
+) -> Vec<Arc<Document>> {
     let is_application = |document: &&Arc<Document>| matches!(document.profile, Some(Profile::Application(_)));
     let applications: Vec<Arc<Document>> = top.iter().filter(is_application).cloned().collect();
     // A file that could not be read may well be the application that is missed.
-    let readable = top.iter().all(|document| document.profile.is_some() || is_stranger(document));
-    if applications.is_empty() && readable && findings.is_empty() {
+    if applications.is_empty() && all_read && findings.is_empty() {
         findings.push(Diagnostic::of_file(Level::Error, dir, "holds no application_profile").with_hint(
             "a profile directory holds one or more application_profile files and at most one system_profile",
         ));

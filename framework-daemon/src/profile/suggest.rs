@@ -18,18 +18,25 @@ fn score(wrong: &str, right: &str) -> f64 {
     f64::midpoint(strsim::jaro_winkler(wrong, right), edits).max(edits)
 }
 
-/// A hint that names the nearest candidate, or lists all where they are few.
+/// A hint that names the nearest candidate, or lists those there are. `None`: there are none.
 #[must_use]
 pub fn hint<'a>(wrong: &str, candidates: &[&'a str], quote: impl Fn(&'a str) -> String) -> Option<String> {
-    const FEW: usize = 12;
     if let Some(name) = nearest(wrong, candidates.iter().copied()) {
         return Some(format!("did you mean {}?", quote(name)));
     }
-    if candidates.is_empty() || candidates.len() > FEW {
-        return None;
-    }
-    let all: Vec<String> = candidates.iter().map(|name| quote(name)).collect();
-    Some(format!("possible here: {}", all.join(", ")))
+    let quoted: Vec<String> = candidates.iter().map(|name| quote(name)).collect();
+    let list = listed(quoted.iter().map(String::as_str));
+    (!candidates.is_empty()).then(|| format!("possible here: {list}"))
+}
+
+/// Names in a row: all of a few, the first of many and how many more there are.
+#[must_use]
+pub fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    const FEW: usize = 12;
+    let names: Vec<&str> = names.into_iter().collect();
+    let shown: Vec<&str> = names.iter().copied().take(FEW).collect();
+    let more = names.len() - shown.len();
+    if more == 0 { shown.join(", ") } else { format!("{} and {more} more", shown.join(", ")) }
 }
 
 #[cfg(test)]
@@ -43,5 +50,16 @@ mod tests {
         assert_eq!(nearest("fault_tolerence", names), Some("fault_tolerance"));
         assert_eq!(nearest("RESET", names), Some("reset"));
         assert_eq!(nearest("banana", names), None);
+    }
+
+    #[test]
+    fn of_many_names_the_first_are_listed() {
+        assert_eq!(
+            hint("banana", &["severity", "reset"], str::to_owned).as_deref(),
+            Some("possible here: severity, reset")
+        );
+        assert_eq!(hint("banana", &[], str::to_owned), None);
+        let many: Vec<String> = (0..40).map(|number| format!("slot{number}")).collect();
+        assert!(listed(many.iter().map(String::as_str)).ends_with("slot10, slot11 and 28 more"));
     }
 }

@@ -35,6 +35,12 @@ pub struct SystemProfile {
     pub application_dependencies: Vec<Dependency>,
     /// Slots that get the emergency stop.
     pub actuators: Vec<Word>,
+    /// True where `<emergency>` stands there, whatever it holds.
+    #[serde(skip)]
+    pub has_emergency: bool,
+    /// True where an executor's name could not be read.
+    #[serde(skip)]
+    pub incomplete: bool,
 }
 
 /// Reads `<system_profile>` of the file at `path`.
@@ -49,7 +55,14 @@ pub fn read(root: &Element, path: &Path, report: &mut Reporter) -> SystemProfile
         on_taint: on_taint(root),
     };
     let dependencies = root.children_of("dependency").map(|element| dependency(element, "application", report));
-    SystemProfile { plan, application_dependencies: dependencies.collect(), actuators: actuators(root, report) }
+    let known = |child: &Element| child.name != "executor" || !child.value_of("name").is_empty();
+    SystemProfile {
+        plan,
+        application_dependencies: dependencies.collect(),
+        actuators: actuators(root, report),
+        has_emergency: root.child("emergency").is_some() || root.misread,
+        incomplete: root.misread || !root.children.iter().all(known),
+    }
 }
 
 fn plugin_dirs(root: &Element, path: &Path, report: &mut Reporter) -> Vec<PathBuf> {
@@ -129,11 +142,24 @@ fn actuators(root: &Element, report: &mut Reporter) -> Vec<Word> {
         if count > limits::ACTUATORS {
             report.error(emergency.name_span, format!("more than {} actuators", limits::ACTUATORS));
         }
-        if count == 0 {
+        // What it holds instead is told already.
+        if count == 0 && !emergency.misread {
             report.error(emergency.name_span, "<emergency> names no actuator").hint =
                 Some("add <actuator component=\"motors\"/>".to_owned());
         }
     }
-    let actuators = root.grandchildren("emergency", "actuator");
-    actuators.map(|element| report.value_word(element, "component")).filter(|word| !word.text.is_empty()).collect()
+    let mut all: Vec<Word> = Vec::new();
+    for element in root.grandchildren("emergency", "actuator") {
+        let word = report.value_word(element, "component");
+        if word.text.is_empty() {
+            continue;
+        }
+        if let Some(first) = all.iter().find(|other| other.text == word.text) {
+            let message = format!("\"{}\" is already an actuator in line {}", word.text, first.spot.location().line);
+            report.error(word.spot.span, message).hint = Some("remove one of them: it gets the stop once".to_owned());
+            continue;
+        }
+        all.push(word);
+    }
+    all
 }

@@ -1,6 +1,6 @@
 //! What no file can tell alone: dependencies and their cycles, singletons, nodes, actuators, helpers.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -24,21 +24,24 @@ type Edges = BTreeMap<String, Vec<(String, Spot)>>;
 pub fn finish(
     dir: &Path,
     system: Option<&Document>,
-    applications: &[Arc<Document>],
+    (applications, all_read): (&[Arc<Document>], bool),
     assembler: Assembler,
     findings: &mut Vec<Diagnostic>,
 ) -> Plan {
     let plan = empty_plan(dir, system);
-    let mut validator = Validator { assembler, plan };
+    let mut validator = Validator { assembler, plan, all_read };
     validator.applications(applications);
     validator.singletons();
     validator.placements();
     validator.nodes(applications);
     if let Some(Profile::System(profile)) = system.and_then(|document| document.profile.as_ref()) {
         validator.system(profile, applications);
+        validator.require_actuators(profile.has_emergency);
+    } else {
+        // A file that could not be read may well name them.
+        validator.require_actuators(!all_read);
     }
-    validator.actuators();
-    let Validator { mut assembler, mut plan } = validator;
+    let Validator { mut assembler, mut plan, .. } = validator;
     plan.slots = std::mem::take(&mut assembler.slots);
     plan.connections = std::mem::take(&mut assembler.connections);
     plan.composites = std::mem::take(&mut assembler.placed_composites);
@@ -66,7 +69,7 @@ fn doubts(plan: &Plan, assembler: &Assembler) -> Vec<Diagnostic> {
 pub fn names_alone(document: &Arc<Document>) -> Vec<Diagnostic> {
     let mut assembler = Assembler::alone();
     assembler.application(&mut Files::default(), document);
-    let mut validator = Validator { assembler, plan: empty_plan(Path::new(""), None) };
+    let mut validator = Validator { assembler, plan: empty_plan(Path::new(""), None), all_read: true };
     validator.placements();
     validator.assembler.findings
 }
@@ -90,10 +93,13 @@ fn empty_plan(dir: &Path, system: Option<&Document>) -> Plan {
 struct Validator {
     assembler: Assembler,
     plan: Plan,
+    /// True where every file of the directory could be read: what is in none of them is missing.
+    all_read: bool,
 }
 
 impl Validator {
     fn applications(&mut self, applications: &[Arc<Document>]) {
+        self.all_read &= applications.iter().all(|document| name_of(document).is_some());
         for name in applications.iter().filter_map(|document| name_of(document)) {
             if self.plan.applications.contains(&name.text) {
                 let message = format!("application \"{}\" is already in this directory", name.text);
@@ -136,6 +142,7 @@ impl Validator {
             for dependency in &assembly.dependencies {
                 self.dependency(dependency, &scope, &mut edges);
             }
+            self.refuse_twins(&assembly.dependencies);
             self.order(assembly, &scope, &mut order);
             self.helpers(assembly, &scope);
         }
@@ -182,6 +189,11 @@ impl Validator {
     fn helpers(&mut self, assembly: &Assembly, scope: &Scope) {
         for monitor in &assembly.monitors {
             let Some(port) = self.assembler.data_port(&monitor.port, scope) else { continue };
+            if let Some(first) = self.plan.monitors.iter().find(|other| other.port == port.end) {
+                let message = format!("this port is already watched in line {}", first.location.line);
+                self.assembler.error(&monitor.spot, message, "put all its rules into one <monitor>");
+                continue;
+            }
             self.plan.monitors.push(MonitorPlan {
                 port: port.end,
                 validity: monitor.validity.clone(),
@@ -204,7 +216,8 @@ impl Validator {
                     continue;
                 }
                 let known: Vec<&str> = names.iter().map(String::as_str).collect();
-                let hint = suggest::hint(&slot.node.text, &known, str::to_owned).unwrap_or_default();
+                let hint = suggest::hint(&slot.node.text, &known, str::to_owned)
+                    .unwrap_or_else(|| "declare it in the system_profile: <node name=\"...\"/>".to_owned());
                 let message = format!("node \"{}\" is not declared", slot.node.text);
                 self.assembler.error(&slot.node.spot, message, &hint);
             }
@@ -212,29 +225,44 @@ impl Validator {
     }
 
     fn system(&mut self, profile: &SystemProfile, applications: &[Arc<Document>]) {
-        let all_read = applications.iter().all(|document| document.accepted());
+        let all_accepted = self.all_read && applications.iter().all(|document| document.accepted());
         for actuator in &profile.actuators {
             if self.assembler.slots.iter().any(|slot| slot.name == actuator.text) {
                 self.plan.system.emergency.push(actuator.text.clone());
-                continue;
-            }
-            // A slot of a broken application is not missing, only not known.
-            if all_read {
-                let names: Vec<&str> = self.assembler.slots.iter().map(|slot| slot.name.as_str()).collect();
-                let hint = suggest::hint(&actuator.text, &names, str::to_owned).unwrap_or_default();
-                self.assembler.error(&actuator.spot.clone(), format!("no slot is called \"{}\"", actuator.text), &hint);
+            } else if all_accepted && !self.assembler.may_be_missing(&actuator.text) {
+                // A slot of a broken application is not missing, only not known.
+                self.no_actuator(actuator);
             }
         }
         let mut edges = Edges::new();
         for dependency in &profile.application_dependencies {
             self.application_dependency(dependency, &mut edges);
         }
+        self.refuse_twins(&profile.application_dependencies);
         self.refuse_cycles(&edges, "dependencies of applications form a circle");
     }
 
-    /// An emergency stop that nobody gets is a mistake that only shows when the robot needs it.
-    fn actuators(&mut self) {
-        if !self.plan.system.emergency.is_empty() {
+    fn no_actuator(&mut self, actuator: &Word) {
+        let Word { text: name, spot } = actuator;
+        let assembler = &mut self.assembler;
+        if let Some(composite) = assembler.placed_composites.iter().find(|composite| composite.name == *name) {
+            let list = suggest::listed(composite.slots.iter().map(String::as_str));
+            let message = format!("\"{name}\" is a composite, no slot");
+            return assembler.error(spot, message, &format!("name those slots in it that drive something: {list}"));
+        }
+        if assembler.placed_votings.iter().any(|voting| voting.name.as_ref() == Some(name)) {
+            let message = format!("\"{name}\" is a voter, no slot");
+            return assembler.error(spot, message, "name a slot that drives something: a voter has nothing to stop");
+        }
+        let names: Vec<&str> = assembler.slots.iter().map(|slot| slot.name.as_str()).collect();
+        let hint = suggest::hint(name, &names, str::to_owned).unwrap_or_else(|| "no slot is declared".to_owned());
+        assembler.error(spot, format!("no slot is called \"{name}\""), &hint);
+    }
+
+    /// An emergency stop that nobody gets is a mistake that only shows when the robot needs it. It is one mistake, whoever may
+    /// ask for it.
+    fn require_actuators(&mut self, named: bool) {
+        if named || !self.plan.system.emergency.is_empty() {
             return;
         }
         let reaches = |slot: &&SlotPlan| {
@@ -242,20 +270,29 @@ impl Validator {
             slot.rules.coverage == Coverage::System
                 || symptoms.any(|symptom| slot.rules.severity.get(symptom) == Severity::Emergency)
         };
-        let found: Vec<String> = self.assembler.slots.iter().filter(reaches).map(|slot| slot.name.clone()).collect();
-        for slot in found {
-            let Some(spot) = self.assembler.declared_at(&slot) else { continue };
-            let message = format!("a fault of \"{slot}\" brings the robot to its safe state, but no actuator is named");
-            let hint = "add <emergency><actuator component=\"motors\"/></emergency> to the system_profile";
-            self.assembler.error(&spot, message, hint);
-        }
+        let mut found = self.assembler.slots.iter().filter(reaches).map(|slot| slot.name.clone());
+        let Some(first) = found.next() else { return };
+        let others = match found.count() {
+            0 => String::new(),
+            1 => " (and of another slot)".to_owned(),
+            more => format!(" (and of {more} other slots)"),
+        };
+        let mut said = self.assembler.emergencies.iter().filter(|(slot, _)| *slot == first);
+        let spot = said.next().map(|(_, spot)| spot.clone()).or_else(|| self.assembler.declared_at(&first));
+        let Some(spot) = spot else { return };
+        let message =
+            format!("a fault of \"{first}\"{others} brings the robot to its safe state, but no actuator is named");
+        let hint = "add <emergency><actuator component=\"motors\"/></emergency> to the system_profile";
+        self.assembler.error(&spot, message, hint);
     }
 
     fn application_dependency(&mut self, dependency: &Dependency, edges: &mut Edges) {
         for word in dependency.on.iter().chain([&dependency.dependent]).filter(|word| !word.text.is_empty()) {
-            if !self.plan.applications.contains(&word.text) {
+            // An application that could not be read is not missing, only not known.
+            if self.all_read && !self.plan.applications.contains(&word.text) {
                 let names: Vec<&str> = self.plan.applications.iter().map(String::as_str).collect();
-                let hint = suggest::hint(&word.text, &names, str::to_owned).unwrap_or_default();
+                let hint = suggest::hint(&word.text, &names, str::to_owned)
+                    .unwrap_or_else(|| "the directory holds no application".to_owned());
                 self.assembler.error(&word.spot, format!("no application is called \"{}\"", word.text), &hint);
             }
         }
@@ -269,6 +306,19 @@ impl Validator {
             require: dependency.require.unwrap_or(dependency.on.len()),
             location: dependency.spot.location(),
         });
+    }
+
+    /// Two dependencies of one on the same others: of the two numbers only the greater would count.
+    fn refuse_twins(&mut self, dependencies: &[Dependency]) {
+        let mut seen: HashMap<(&str, BTreeSet<&str>), u32> = HashMap::new();
+        for dependency in dependencies.iter().filter(|one| !one.dependent.text.is_empty() && !one.on.is_empty()) {
+            let on = dependency.on.iter().map(|word| word.text.as_str()).collect();
+            let line = dependency.spot.location().line;
+            if let Some(first) = seen.insert((&dependency.dependent.text, on), line) {
+                let message = format!("\"{}\" already depends on these in line {first}", dependency.dependent.text);
+                self.assembler.error(&dependency.spot, message, "remove one of them");
+            }
+        }
     }
 
     fn refuse_cycles(&mut self, edges: &Edges, what: &str) {

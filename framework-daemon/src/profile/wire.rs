@@ -6,7 +6,7 @@ use super::application::{Assembly, Connection, End};
 use super::assemble::{Assembler, Placed, Scope};
 use super::composite::Export;
 use super::plan::{
-    ComponentPlan, ConnectionPlan, DataPortPlan, EventPortPlan, PortKind, PortRef, ServicePortPlan, Usage,
+    ComponentPlan, ConnectionPlan, DataPortPlan, EventPortPlan, PortKind, PortRef, ServicePortPlan, SlotPlan, Usage,
 };
 use super::source::Word;
 use super::suggest;
@@ -45,6 +45,8 @@ pub fn ports_of_fault_manager() -> Vec<Port> {
     ]
 }
 
+const KINDS: [PortKind; 3] = [PortKind::Data, PortKind::Event, PortKind::Service];
+
 impl Assembler {
     /// Resolves and checks one connection.
     pub(super) fn connection(&mut self, connection: &Connection, scope: &Scope) {
@@ -52,6 +54,11 @@ impl Assembler {
             return;
         }
         let kind = connection.kind;
+        if let Some(other) = self.kind_of_both(connection, scope) {
+            let message = format!("both ports are of kind {}, not {}", kind_name(other), kind_name(kind));
+            let hint = format!("write port_type=\"{}\"", kind_name(other));
+            return self.error(&connection.kind_spot, message, &hint);
+        }
         let sources = self.ends(&connection.source, kind, scope);
         let targets = self.ends(&connection.target, kind, scope);
         let (Some(sources), Some(targets)) = (sources, targets) else { return };
@@ -137,9 +144,9 @@ impl Assembler {
                 let port = port_named(&slot.name, &slot.component, kind, &end.port.text);
                 (Vec::from_iter(port), self.incomplete.contains(&slot.name))
             }
-            Some(Placed::Composite(ports, _)) => {
+            Some(Placed::Composite(inside)) => {
                 let named = |port: &&Port| port.name == end.port.text && port.kind == kind;
-                (ports.iter().filter(named).cloned().collect(), false)
+                (inside.ports.iter().filter(named).cloned().collect(), inside.incomplete)
             }
             Some(Placed::Voter(port)) => {
                 let is_it = port.name == end.port.text && port.kind == kind;
@@ -168,7 +175,7 @@ impl Assembler {
             Some(Placed::Slot(index)) => {
                 self.slots.get(*index).map_or_else(Vec::new, |slot| ports_of(&slot.name, &slot.component))
             }
-            Some(Placed::Composite(ports, _)) => ports.clone(),
+            Some(Placed::Composite(inside)) => inside.ports.clone(),
             Some(Placed::Voter(port)) => vec![(**port).clone()],
             None if component.text == FAULT_MANAGER => ports_of_fault_manager(),
             Some(Placed::Broken) | None => Vec::new(),
@@ -190,20 +197,26 @@ impl Assembler {
 
     /// Reports a name that no subcomponent of the assembly has.
     pub fn unknown_slot(&mut self, name: &Word, scope: &Scope) {
+        if scope.incomplete {
+            return;
+        }
         let names: Vec<&str> = scope.keys().map(String::as_str).collect();
         let hint = suggest::hint(&name.text, &names, str::to_owned)
             .unwrap_or_else(|| "it must be the name of a <subcomponent> of this file".to_owned());
         self.error(&name.spot, format!("no subcomponent is called \"{}\"", name.text), &hint);
     }
 
-    /// The ports of a composite that show outside.
-    pub(super) fn exports(&mut self, assembly: &Assembly, scope: &Scope) -> Vec<Port> {
+    /// The ports of a composite that show outside, and whether these are all that it exports.
+    pub(super) fn exports(&mut self, assembly: &Assembly, scope: &Scope) -> (Vec<Port>, bool) {
         let mut all: Vec<Port> = Vec::new();
+        let mut found = 0;
         if let Some(beyond) = assembly.exports.get(limits::PORTS) {
             self.error(&beyond.name.spot, format!("more than {} exported ports", limits::PORTS), "split the composite");
         }
         for export in assembly.exports.iter().take(limits::PORTS) {
-            for port in self.exported_ports(export, scope) {
+            let ports = self.exported_ports(export, scope);
+            found += usize::from(!ports.is_empty());
+            for port in ports {
                 let clashes = |other: &Port| {
                     other.name == export.name.text
                         && (port.is_source
@@ -219,7 +232,7 @@ impl Assembler {
                 all.push(Port { name: export.name.text.clone(), ..port });
             }
         }
-        all
+        (all, found == assembly.exports.len())
     }
 
     fn exported_ports(&mut self, export: &Export, scope: &Scope) -> Vec<Port> {
@@ -239,8 +252,29 @@ impl Assembler {
     }
 
     fn kind_of(&self, end: &End, scope: &Scope) -> Option<PortKind> {
-        let ports = self.visible_ports(&end.component, scope);
-        ports.iter().find(|port| port.name == end.port.text).map(|port| port.kind)
+        KINDS.into_iter().find(|kind| self.has_port(end, *kind, scope))
+    }
+
+    /// The kind of the ports at both ends, where it is not the connection's.
+    fn kind_of_both(&self, connection: &Connection, scope: &Scope) -> Option<PortKind> {
+        let Connection { kind, source, target, .. } = connection;
+        if self.has_port(source, *kind, scope) || self.has_port(target, *kind, scope) {
+            return None;
+        }
+        KINDS.into_iter().find(|other| self.has_port(source, *other, scope) && self.has_port(target, *other, scope))
+    }
+
+    fn has_port(&self, end: &End, kind: PortKind, scope: &Scope) -> bool {
+        let name = &end.port.text;
+        let of_slot = |slot: &SlotPlan| port_named(&slot.name, &slot.component, kind, name).is_some();
+        let is_it = |port: &Port| port.name == *name && port.kind == kind;
+        match scope.get(&end.component.text) {
+            Some(Placed::Slot(index)) => self.slots.get(*index).is_some_and(of_slot),
+            Some(Placed::Composite(inside)) => inside.ports.iter().any(is_it),
+            Some(Placed::Voter(port)) => is_it(port),
+            None if end.component.text == FAULT_MANAGER => ports_of_fault_manager().iter().any(is_it),
+            Some(Placed::Broken) | None => false,
+        }
     }
 }
 

@@ -30,6 +30,9 @@ pub struct Element {
     pub text: String,
     /// Where its first text that is not blank stands; the name's span without one.
     pub text_span: Span,
+    /// True where `conform` found an attribute or a child that says nothing to it: what is missing here may be meant by that, which
+    /// is reported.
+    pub misread: bool,
 }
 
 /// An attribute.
@@ -97,12 +100,14 @@ struct Builder<'a> {
     open: Vec<Element>,
     root: Option<Element>,
     elements: usize,
+    /// True where a document type is refused: it may declare whatever is referred to.
+    has_type: bool,
     findings: Vec<Diagnostic>,
 }
 
 impl<'a> Builder<'a> {
     const fn new(source: &'a Source) -> Self {
-        Self { source, open: Vec::new(), root: None, elements: 0, findings: Vec::new() }
+        Self { source, open: Vec::new(), root: None, elements: 0, has_type: false, findings: Vec::new() }
     }
 
     fn run(&mut self) {
@@ -136,6 +141,7 @@ impl<'a> Builder<'a> {
             Event::CData(data) => self.text(&data.into_inner(), at),
             Event::GeneralRef(reference) => self.reference(&reference, at),
             Event::DocType(_) => {
+                self.has_type = true;
                 self.error(Span::new(at, "<!DOCTYPE".len()), "a document type (DTD) is not allowed in a profile")
                     .hint = Some("remove the <!DOCTYPE ...>: profiles declare no entities".to_owned());
             }
@@ -225,6 +231,9 @@ impl<'a> Builder<'a> {
     }
 
     fn bad_reference(&mut self, span: Span) {
+        if self.has_type {
+            return;
+        }
         let text = self.source.text().get(span.start as usize..span.end as usize).unwrap_or("&").to_owned();
         self.error(span, format!("unknown reference {text}")).hint = Some(
             "only &lt; &gt; &amp; &quot; &apos; and character references like &#176; exist; write & as &amp;"

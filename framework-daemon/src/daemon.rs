@@ -117,7 +117,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
         let error = RunError::Profiles(diagnostics);
         // A journal that cannot be written either is no news to whoever wrote the profiles.
         let _ = Journal::open(&settings.journal)
-            .and_then(|journal| journal.claim().map(|()| journal))
+            .and_then(|mut journal| journal.claim().map(|()| journal))
             .map(|journal| refuse(&Arc::new(Mutex::new(journal)), settings, &error.reasons()));
         error
     })?;
@@ -186,7 +186,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
 
 fn open_journal(settings: &Settings) -> Result<SharedJournal, RunError> {
     let journal = Journal::open(&settings.journal);
-    let journal = journal.and_then(|journal| journal.claim().map(|()| journal));
+    let journal = journal.and_then(|mut journal| journal.claim().map(|()| journal));
     let journal =
         journal.map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
     last_words::prepare(journal.as_fd())?;

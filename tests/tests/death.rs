@@ -52,6 +52,28 @@ fn whole_lines(run: &str, after_torn: bool) -> (Vec<Value>, bool) {
     (complete.iter().map(whole).collect(), !torn.is_empty())
 }
 
+/// Journals are moved away to keep them or to make room; the daemon's last words find the new one, too.
+#[test]
+fn a_journal_that_is_moved_away_goes_on_in_a_new_file() {
+    let profiles = Profiles::new(&application(&[slot("ticker", "Ticker", RESET)], &[]));
+    let scratch = tempfile::tempdir().unwrap();
+    let (journal, kept) = (scratch.path().join("journal.jsonl"), scratch.path().join("journal.jsonl.1"));
+    let faults = ["--inject", "ticker:crash.segv@0.3", "--inject", "daemon:crash.segv@0.8"];
+    let mut daemon = Running::spawn_on(&journal, profiles.path(), &faults).ready();
+    std::fs::rename(&journal, &kept).unwrap();
+    let fault = daemon.journal("fault", 1).remove(0);
+    let mut other = Running::spawn_on(&journal, profiles.path(), &[]);
+    assert!(!other.wait().success(), "the new one is this daemon's as well");
+    daemon.wait();
+    assert_eq!(daemon.entries("crash").len(), 1);
+    let (before, _) = whole_lines(&std::fs::read_to_string(&kept).unwrap(), false);
+    let last = before.last().unwrap();
+    assert_eq!(
+        (last["kind"].as_str(), fault["seq"].as_u64()),
+        (Some("start"), last["seq"].as_u64().map(|seq| seq + 1))
+    );
+}
+
 #[test]
 fn the_journal_survives_kill_9_at_any_moment() {
     let (rounds, seed) = (number("ROUNDS", 20), number("SEED", 0x5EED));

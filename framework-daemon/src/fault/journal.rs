@@ -1,12 +1,13 @@
 //! The journal: append-only, one JSON object a line, each with a checksum as its last field.
 //!
 //! A line is written by one `write` system call, so that after `kill -9` only the last one can be incomplete, and its
-//! checksum says so.
+//! checksum says so. Whoever wants to keep or to end it moves the file away: it goes on in a new one of the same name, without a
+//! signal or an option that says how large it may become.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::os::fd::{AsFd, BorrowedFd};
-use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -17,7 +18,7 @@ use serde_json::{Map, Value};
 
 use crate::model::fault::{Evidence, FaultEvent, Stage};
 use crate::plugin::symbols::Origin;
-use crate::sys::clock;
+use crate::sys::{clock, last_words};
 
 /// An open journal.
 #[derive(Debug)]
@@ -28,6 +29,7 @@ pub struct Journal {
     /// The last line is incomplete: the next one must not be glued to it.
     torn: bool,
     last: Option<Value>,
+    is_claimed: bool,
 }
 
 impl Journal {
@@ -39,22 +41,26 @@ impl Journal {
         if let Some(directory) = path.parent().filter(|directory| !directory.as_os_str().is_empty()) {
             std::fs::create_dir_all(directory)?;
         }
-        // Not blocking: a pipe without a reader would hang here for ever.
-        let file = OpenOptions::new().create(true).append(true).read(true).custom_flags(libc::O_NONBLOCK).open(path)?;
-        if !file.metadata()?.is_file() {
-            return Err(io::Error::other("it is no regular file: name a file with --journal FILE"));
-        }
+        let file = open(path)?;
         let tail = tail(&file)?;
         let torn = !tail.is_empty() && !tail.ends_with('\n');
-        Ok(Self { file, path: path.to_owned(), sequence: 0, torn, last: last_line(&tail) })
+        Ok(Self { file, path: path.to_owned(), sequence: 0, torn, last: last_line(&tail), is_claimed: false })
     }
 
-    /// Takes it for this process alone, as long as that lives: what lies beside it is this run's, too. A lock of the process, and
-    /// not of the open file, which a child that a component forked would go on to hold when this one is gone.
+    /// Takes it for this process alone, as long as that lives: what lies beside it is this run's, too. From now on it follows its
+    /// name, where somebody moves the file away.
     ///
     /// # Errors
     /// When another process has it; the error names it.
-    pub fn claim(&self) -> io::Result<()> {
+    pub fn claim(&mut self) -> io::Result<()> {
+        self.lock()?;
+        self.is_claimed = true;
+        Ok(())
+    }
+
+    /// A lock of the process, and not of the open file, which a child that a component forked would go on to hold when this process
+    /// is gone.
+    fn lock(&self) -> io::Result<()> {
         let whole = libc::flock {
             l_type: libc::F_WRLCK as libc::c_short,
             l_whence: libc::SEEK_SET as libc::c_short,
@@ -149,6 +155,9 @@ impl Journal {
 
     fn append(&mut self, object: &Map<String, Value>) -> io::Result<()> {
         let mut line = seal(object)?;
+        if self.is_claimed && !self.is_in_place() {
+            self.go_on_in_place();
+        }
         if self.torn {
             line.insert(0, '\n');
         }
@@ -156,6 +165,34 @@ impl Journal {
         self.torn = result.is_err();
         result
     }
+}
+
+impl Journal {
+    fn is_in_place(&self) -> bool {
+        let both = std::fs::metadata(&self.path).and_then(|there| Ok((there, self.file.metadata()?)));
+        both.is_ok_and(|(there, here)| (there.dev(), there.ino()) == (here.dev(), here.ino()))
+    }
+
+    /// Somebody moved the file away, to keep it or to make room: a new one of the same name takes over, under the same
+    /// descriptors. Where none can be made the old one goes on.
+    fn go_on_in_place(&mut self) {
+        let moved = open(&self.path).and_then(|new| last_words::move_journal(new.as_fd()));
+        // What was opened is closed by now, which would have ended a lock.
+        match moved.and_then(|()| self.lock()) {
+            Ok(()) => tracing::info!("the journal goes on in a new file {}", self.path.display()),
+            Err(error) => return tracing::debug!("journal {}: {error}", self.path.display()),
+        }
+        self.torn = tail(&self.file).is_ok_and(|tail| !tail.is_empty() && !tail.ends_with('\n'));
+    }
+}
+
+fn open(path: &Path) -> io::Result<File> {
+    // Not blocking: a pipe without a reader would hang here for ever.
+    let file = OpenOptions::new().create(true).append(true).read(true).custom_flags(libc::O_NONBLOCK).open(path)?;
+    if !file.metadata()?.is_file() {
+        return Err(io::Error::other("it is no regular file: name a file with --journal FILE"));
+    }
+    Ok(file)
 }
 
 /// What is written of a fault.

@@ -65,6 +65,20 @@ pub fn prepare(journal: BorrowedFd<'_>) -> std::io::Result<()> {
     Ok(())
 }
 
+/// The journal goes on in that file, under the descriptors that [`prepare`] knows.
+///
+/// # Errors
+/// When nothing was prepared.
+pub fn move_journal(file: BorrowedFd<'_>) -> std::io::Result<()> {
+    for old in [&RECORD, &JOURNAL].map(|known| known.load(Ordering::Acquire)) {
+        // SAFETY: a system call on descriptors that stay open; it refuses -1.
+        if unsafe { libc::dup3(file.as_raw_fd(), old, libc::O_CLOEXEC) } < 0 {
+            return Err(std::io::Error::last_os_error());
+        }
+    }
+    Ok(())
+}
+
 /// Writes all safe outputs and the crash record, once in the life of a process.
 pub fn speak(death: &Death) {
     // SAFETY: a system call without arguments.

@@ -171,7 +171,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
         fields["taken_up"] = warm.into();
     }
     note(&journal, "start", &fields);
-    manager.adopt(boot::cast(&system.plan, &system.slots));
+    manager.adopt(boot::cast(&system.plan, &system.slots, &system.helpers));
     latch::describe(last_run::record(settings, &system.plan));
     control.publish(&system);
     // Nobody may be listening any more; the robot runs all the same.
@@ -367,7 +367,7 @@ impl Daemon<'_> {
         let result = load::load(&self.settings.directory)
             .map_err(|diagnostics| diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>())
             .and_then(|loaded| reload(&mut self.system, &Arc::new(loaded.plan), &self.settings.plugins));
-        self.manager.adopt(boot::cast(&self.system.plan, &self.system.slots));
+        self.manager.adopt(boot::cast(&self.system.plan, &self.system.slots, &self.system.helpers));
         self.control.publish(&self.system);
         match &result {
             Ok(changes) => {

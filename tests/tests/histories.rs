@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use tests::histories::run;
 
 /// What a run of that length sees surely: a model that sees nothing proves nothing.
-const SEEN: [&str; 13] = [
+const SEEN: [&str; 15] = [
     "clears",
     "consequences",
     "emergencies",
@@ -19,6 +19,8 @@ const SEEN: [&str; 13] = [
     "starts",
     "starts that failed",
     "stops",
+    "voters that agree again",
+    "voters that stop others",
 ];
 
 #[test]

@@ -90,7 +90,7 @@ fn check_plugins(path: &Path, plugins: &[PathBuf]) -> io::Result<bool> {
     let wrong = match blueprint::draw(&plan.slots, &catalogue) {
         Ok(blueprints) => {
             let mut wrong = wiring::check(&plan, &blueprints);
-            wrong.extend(monitors::check(&plan.monitors, &blueprints));
+            wrong.extend(monitors::check(&plan, &blueprints));
             wrong
         }
         Err(reasons) => reasons,

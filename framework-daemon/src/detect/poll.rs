@@ -36,6 +36,8 @@ pub struct Poll {
     has_begun: bool,
     /// When it was voted last, or looked who is silent, or members were expected first.
     looked_ns: Option<u64>,
+    /// Until then it is not told that too few agree.
+    pardon_ns: u64,
 }
 
 /// A vote, and what it changed.
@@ -74,6 +76,7 @@ impl Poll {
             few: false,
             has_begun: false,
             looked_ns: None,
+            pardon_ns: 0,
         }
     }
 
@@ -110,6 +113,13 @@ impl Poll {
         self.heard_ns.iter_mut().for_each(|heard_ns| _ = heard_ns.get_or_insert(now_ns));
     }
 
+    /// That too few agree is forgiven: its members have the time again in which each may be silent, and if too few agree then,
+    /// that is told anew.
+    pub fn forgive(&mut self, now_ns: u64) {
+        (self.few, self.looked_ns) = (false, Some(now_ns));
+        self.pardon_ns = now_ns.saturating_add(self.demand.max_age_ns);
+    }
+
     /// Too few agreed when it was voted or looked last.
     #[must_use]
     pub const fn is_few(&self) -> bool {
@@ -136,7 +146,7 @@ impl Poll {
         let (values, silent) = self.present(now_ns);
         let outcome = vote(self.demand.method, self.demand.tolerance, &values[..self.members]);
         let (fell_silent, spoke) = self.changes(silent);
-        let falls_short = !self.few && outcome.agreeing.count() < self.demand.require;
+        let falls_short = !self.few && now_ns >= self.pardon_ns && outcome.agreeing.count() < self.demand.require;
         (self.silent, self.few, self.looked_ns) = (silent, self.few || falls_short, Some(now_ns));
         self.expect(now_ns);
         let (fell_out, came_back) = (Members::default(), Members::default());
@@ -183,7 +193,8 @@ impl Poll {
         let (fell_silent, spoke) = self.changes(silent);
         let Demand { method, tolerance, require, .. } = self.demand;
         let outcome = vote(method, tolerance, &values[..self.members]);
-        let few = outcome.agreeing.count() < require;
+        let falls_short = outcome.agreeing.count() < require;
+        let few = falls_short && (self.few || now_ns >= self.pardon_ns);
         let members = (0..self.members).filter(|member| values[*member].is_some());
         let (is_out, was_out) = (outcome.minority, self.outvoted);
         // One that is left alone agrees with nobody.
@@ -191,7 +202,7 @@ impl Poll {
         let result = Vote {
             values,
             outcome,
-            passes: outcome.winner.map(|(member, _)| member).filter(|_| !few),
+            passes: outcome.winner.map(|(member, _)| member).filter(|_| !falls_short),
             fell_out: members.clone().filter(|member| is_out.has(*member) && !was_out.has(*member)).collect(),
             came_back: members.filter(|member| agreeing.has(*member) && was_out.has(*member)).collect(),
             fell_silent,
@@ -317,6 +328,25 @@ mod tests {
         assert_eq!((slow.deliver(0, 1.0, 90), slow.deliver(1, 1.0, 90)), (None, None), "the first vote waits for all");
         let vote = slow.look(101).unwrap();
         assert_eq!((vote.few, vote.fell_silent), (None, members([2])), "two are enough");
+    }
+
+    #[test]
+    fn what_is_forgiven_is_told_anew_when_its_time_is_over() {
+        let mut poll = poll(2);
+        round(&mut poll, [1.0; 3], 0);
+        assert_eq!(poll.look(101).and_then(|vote| vote.few), Some(true));
+        poll.forgive(1_000);
+        assert!(!poll.is_few());
+        let vote = poll.deliver(0, 1.0, 1_050).unwrap();
+        assert_eq!((vote.few, vote.passes), (None, None), "it has time, but nothing passes");
+        assert_eq!(poll.deliver(0, 1.0, 1_100).and_then(|vote| vote.few), Some(true));
+        assert_eq!(poll.look(1_201).map(|vote| (vote.few, vote.fell_silent)), Some((None, members([0]))));
+        poll.forgive(2_000);
+        assert_eq!((poll.due_ns(), poll.look(2_101).and_then(|vote| vote.few)), (Some(2_101), Some(true)));
+        poll.forgive(3_000);
+        assert_eq!((poll.deliver(0, 1.0, 3_001).map(|vote| vote.few), poll.deliver(1, 1.0, 3_001)), (Some(None), None));
+        assert_eq!(poll.deliver(0, 1.0, 3_002).map(|vote| (vote.few, vote.passes)), Some((None, Some(0))));
+        assert_eq!(poll.look(3_101), None, "two are enough");
     }
 
     /// Somebody says something, or it is looked who is silent; so much later.

@@ -3,18 +3,20 @@
 //! and writes its outputs once more. The latch outlives the daemon ([`crate::sys::latch`]): one that comes up latched writes the outputs
 //! when they are registered, and starts no actuator.
 //!
-//! One for the process, as the outputs are. The latch and the outputs are atomics; the signals of the actuators lie behind a
-//! lock that is held to clone or swap a pointer, by threads that run no component's code meanwhile.
+//! One for the process, as the outputs are. The latch and the outputs are atomics, the signals of the actuators are exchanged as
+//! a whole: whoever raises it takes no lock, because it may be in the middle of a callback, as a voter is that finds too few
+//! of its members agree, and a callback may be ended at any instruction.
 
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, LazyLock, OnceLock};
 
 use crossbeam_channel::Sender;
 
 use crate::model::lifecycle::State;
+use crate::port::exchange::Exchange;
 use crate::sys::bell::{Ring, Signal};
 use crate::sys::{clock, latch, safe_outputs};
 
-static ACTUATORS: Mutex<Vec<Actuator>> = Mutex::new(Vec::new());
+static ACTUATORS: LazyLock<Exchange<Vec<Actuator>>> = LazyLock::new(|| Exchange::new(Vec::new()));
 static LISTENER: OnceLock<Sender<Notice>> = OnceLock::new();
 
 /// Who gets the emergency stop.
@@ -57,6 +59,8 @@ pub enum Notice {
 
 /// Where notices go; once in the life of a process, later calls change nothing.
 pub fn listen(listener: Sender<Notice>) {
+    // Before anybody raises it.
+    LazyLock::force(&ACTUATORS);
     let _ = LISTENER.set(listener);
 }
 
@@ -65,24 +69,25 @@ pub fn arm(actuators: Vec<Actuator>) {
     let slots: Vec<&'static str> = actuators.iter().map(|actuator| actuator.slot).collect();
     safe_outputs::arm(&slots);
     latch::guard(slots);
-    let old = std::mem::replace(&mut *ACTUATORS.lock().unwrap_or_else(PoisonError::into_inner), actuators);
-    drop(old);
+    if ACTUATORS.edit(|_| actuators).is_err() {
+        // Only this thread arms it.
+        tracing::error!("the emergency stop: its actuators are being changed all the time: those from before get it");
+    }
     if latched() {
         // The run before left it so.
         let _ = safe_outputs::write_armed();
     }
 }
 
-/// Brings the robot to its safe state, for a fault of that slot at that time.
+/// Brings the robot to its safe state, for a fault of that slot, or voter, at that time. Any thread, also within a callback.
 pub fn raise(slot: &'static str, at_ns: u64) {
     let outputs = safe_outputs::write_armed();
     let written_ns = clock::now_ns();
     let is_first = latch::set();
     // Before those who are told tell what they did.
     tell(Notice::Raised { slot, at_ns, written_ns, outputs, is_first });
-    for actuator in ACTUATORS.lock().unwrap_or_else(PoisonError::into_inner).iter() {
-        actuator.signal.ring(Ring::Emergency);
-    }
+    // Where too many do so at the same moment, they have been told.
+    let _ = ACTUATORS.visit(|actuators| actuators.iter().for_each(|actuator| actuator.signal.ring(Ring::Emergency)));
     if is_first {
         // The fault manager sees to the rest.
         latch::store();

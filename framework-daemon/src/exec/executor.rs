@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, SendError, Sender};
 
-use super::follow::Chain;
+use super::follow::{Chain, Upstream};
 use super::kept::Kept;
 use super::member::{Crew, Member};
 use super::strand::Job;
@@ -18,7 +18,6 @@ use crate::model::fault::FaultSender;
 use crate::model::lifecycle::State;
 use crate::model::schedule::Schedule;
 use crate::model::time::nanoseconds;
-use crate::port::charge::Charges;
 use crate::profile::plan::Trigger;
 use crate::sys::bell::{Bell, Ring};
 use crate::sys::foreign::Report;
@@ -34,7 +33,7 @@ enum Command {
     HandOver(usize, Sender<Option<Box<Kept>>>),
     Inherit(usize, Box<Kept>, Sender<Result<(), String>>),
     Blame(usize, Box<Report>),
-    Follow(Vec<(usize, Box<[Arc<Charges>]>)>),
+    Follow(Vec<(usize, Box<[Upstream]>)>),
     Quit,
 }
 
@@ -205,7 +204,7 @@ impl Executor {
     }
 
     /// Tells members who may be the root of their faults, nearest first.
-    pub fn follow(&self, chains: Vec<(usize, Box<[Arc<Charges>]>)>) {
+    pub fn follow(&self, chains: Vec<(usize, Box<[Upstream]>)>) {
         // As above.
         let _ = self.commands.send(Command::Follow(chains));
         self.bell.wake();
@@ -412,7 +411,7 @@ impl Run {
         }
     }
 
-    fn follow(&mut self, number: usize, upstream: Box<[Arc<Charges>]>) {
+    fn follow(&mut self, number: usize, upstream: Box<[Upstream]>) {
         let Some(Some(member)) = self.members.get_mut(number) else { return };
         match &mut member.chain {
             Some(chain) => chain.change(upstream),

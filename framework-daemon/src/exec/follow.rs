@@ -14,12 +14,29 @@ use crate::model::lifecycle::State;
 use crate::model::limits::CONSEQUENCES;
 use crate::model::symptom::Symptom;
 use crate::port::charge::Charges;
+use crate::port::voter::Shortfall;
 use crate::profile::plan::Coverage;
 use crate::sys::clock;
 
+/// Who may be the root of a slot's faults.
+pub struct Upstream {
+    /// The slot.
+    pub charges: Arc<Charges>,
+    /// The voters on the way: as long as enough members of one of them agree, nothing of the slot shows beyond it.
+    pub through: Box<[Arc<Shortfall>]>,
+}
+
+impl Upstream {
+    /// Until when it is the root of what began at `onset_ns`.
+    fn root_until_ns(&self, onset_ns: u64) -> Option<u64> {
+        let shows = self.through.iter().all(|voter| voter.lapse().reaches(onset_ns));
+        self.charges.root().root_until_ns(onset_ns).filter(|_| shows)
+    }
+}
+
 /// Who may be the root of a slot's faults, nearest first, and which of those wait.
 pub struct Chain {
-    upstream: Box<[Arc<Charges>]>,
+    upstream: Box<[Upstream]>,
     waiting: [Option<Waiting>; CONSEQUENCES],
 }
 
@@ -31,18 +48,18 @@ struct Waiting {
 impl Chain {
     /// None wait yet.
     #[must_use]
-    pub fn new(upstream: Box<[Arc<Charges>]>) -> Self {
+    pub fn new(upstream: Box<[Upstream]>) -> Self {
         Self { upstream, waiting: [const { None }; CONSEQUENCES] }
     }
 
     /// Takes over those that are on top now; what waits goes on waiting.
-    pub fn change(&mut self, upstream: Box<[Arc<Charges>]>) {
+    pub fn change(&mut self, upstream: Box<[Upstream]>) {
         self.upstream = upstream;
     }
 
     /// The nearest root of a fault that began then, and until when it is that.
     fn root(&self, onset_ns: u64) -> Option<(&'static str, u64)> {
-        self.upstream.iter().find_map(|slot| Some((slot.slot, slot.root().root_until_ns(onset_ns)?)))
+        self.upstream.iter().find_map(|slot| Some((slot.charges.slot, slot.root_until_ns(onset_ns)?)))
     }
 
     /// False: as many wait already.

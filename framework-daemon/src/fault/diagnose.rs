@@ -8,14 +8,14 @@ use crate::model::limits::{CONSEQUENCE_WINDOW, RECENT_FAULTS};
 use crate::model::time::nanoseconds;
 use crate::profile::plan::Coverage;
 
-/// How a slot is by itself, whatever others are.
+/// How a slot, or a voter, is by itself, whatever others are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Own {
-    /// It is to run, and can.
+    /// It is to run, and can; or enough members of the voter agree.
     Wanted,
     /// Nobody started it, or it was told to stop.
     Off,
-    /// The fault of that sequence number stopped it.
+    /// The fault of that sequence number stopped it; or too few members of the voter agree, which that fault told.
     Faulty(u64),
 }
 
@@ -68,7 +68,7 @@ impl Reason {
     }
 }
 
-/// What follows for each slot from how each is by itself; `emergency`: of which fault the emergency stop is latched.
+/// What follows for each slot from how each slot and voter is by itself; `emergency`: of which fault the emergency stop is latched.
 #[must_use]
 pub fn diagnose(graph: &Graph, own: &[Own], emergency: Option<Option<u64>>) -> Vec<Verdict> {
     let mut verdicts = vec![Verdict::Runs; graph.nodes().len()];
@@ -76,7 +76,8 @@ pub fn diagnose(graph: &Graph, own: &[Own], emergency: Option<Option<u64>>) -> V
     for number in graph.order() {
         let by_others = || unmet(graph, &verdicts, own, *number);
         let held = |reason: Option<Reason>| reason.map_or(Verdict::Runs, Verdict::Held);
-        let verdict = match own.get(*number).filter(|_| graph.is_slot(*number)) {
+        // Slots and voters come first.
+        let verdict = match own.get(*number) {
             None => held(by_others()),
             Some(Own::Off) => Verdict::Off,
             Some(Own::Faulty(_)) => Verdict::Faulty,

@@ -1,15 +1,19 @@
 //! Who needs whom, compiled from the plan at load. Pure.
 //!
-//! A node is a slot; or a name that stands for several slots, a composite's or an application's, which works while all of
+//! A node is a slot; or a voter, which may fail by itself, needs as many of its members as must agree, and neither runs nor is
+//! stopped; or a name that stands for several slots, a composite's or an application's, which works while all of
 //! them do; or a gate: what all slots of an application need because the application does. So a dependency between two
 //! applications costs as many edges as they have slots, not their product.
+//!
+//! A voter hides its members from its readers: one that is outvoted or silent shows in nobody, because the voter hands on what
+//! the others say. Only while too few agree, what a reader lacks comes of what its members have.
 
 use std::collections::HashMap;
 
 use crate::model::limits::{CHAIN_SLOTS, CHAIN_STEPS};
-use crate::profile::plan::{Coverage, Plan, PortKind};
+use crate::profile::plan::{Coverage, Plan, PortKind, VotingPlan};
 
-/// A node of the graph, by number. Slots come first, in the plan's order.
+/// A node of the graph, by number. Slots come first, in the plan's order, then voters, in its order.
 pub type Number = usize;
 
 /// What a node needs: so many of others.
@@ -23,14 +27,17 @@ pub struct Need {
     pub text: String,
 }
 
-/// A slot, or a name for several.
+/// Whose nobody is.
+const NO_EXECUTOR: usize = usize::MAX;
+
+/// A slot, a voter, or a name for several slots.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Node {
     /// What it is called.
     pub name: String,
     /// All that it needs.
     pub needs: Vec<Need>,
-    /// Number of the slot's executor.
+    /// Number of the slot's executor; no slot: of no consequence.
     pub executor: usize,
     /// How far a fault-stop of the slot reaches.
     pub coverage: Coverage,
@@ -38,11 +45,21 @@ pub struct Node {
     pub is_actuator: bool,
 }
 
+/// A slot whose faults may show in another one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Link {
+    /// The slot.
+    pub slot: Number,
+    /// The voters on the way, each of which hides it as long as enough of its members agree.
+    pub through: Vec<Number>,
+}
+
 /// Nodes with their edges, in order.
 #[derive(Clone, Debug, Default)]
 pub struct Graph {
     nodes: Vec<Node>,
     slots: usize,
+    voters: usize,
     order: Vec<Number>,
     dependents: Vec<Vec<Number>>,
     /// Of each slot those whose faults may show in it: what it needs, and who writes to it.
@@ -51,9 +68,10 @@ pub struct Graph {
 }
 
 impl Graph {
-    /// Of these nodes, the first `slots` of which are slots, and of connections between slots, writers first.
+    /// Of these nodes, the first `slots` of which are slots and the next `voters` voters, and of connections between those,
+    /// writers first.
     #[must_use]
-    pub fn new(nodes: Vec<Node>, slots: usize, connections: &[(Number, Number)]) -> Self {
+    pub fn new(nodes: Vec<Node>, slots: usize, voters: usize, connections: &[(Number, Number)]) -> Self {
         let mut dependents = vec![Vec::new(); nodes.len()];
         let mut upstream = vec![Vec::new(); nodes.len()];
         for (number, node) in nodes.iter().enumerate() {
@@ -66,8 +84,9 @@ impl Graph {
             upstream[*reader].push(*writer);
         }
         let order = order(&nodes, &dependents);
-        let places = nodes.iter().take(slots).enumerate().map(|(number, node)| (node.name.clone(), number)).collect();
-        Self { nodes, slots, order, dependents, upstream, places }
+        let named = nodes.iter().take(slots + voters).enumerate().filter(|(_, node)| !node.name.is_empty());
+        let places = named.map(|(number, node)| (node.name.clone(), number)).collect();
+        Self { nodes, slots, voters, order, dependents, upstream, places }
     }
 
     /// Of a plan, whose slots have these executors, by number.
@@ -88,6 +107,17 @@ impl Graph {
         number < self.slots
     }
 
+    /// True where that node is a voter.
+    #[must_use]
+    pub const fn is_voter(&self, number: Number) -> bool {
+        self.slots <= number && number < self.slots + self.voters
+    }
+
+    /// All voters.
+    pub fn voters(&self) -> impl Iterator<Item = Number> + use<> {
+        self.slots..self.slots + self.voters
+    }
+
     /// All nodes.
     #[must_use]
     pub fn nodes(&self) -> &[Node] {
@@ -97,7 +127,13 @@ impl Graph {
     /// The slot of that name.
     #[must_use]
     pub fn slot(&self, name: &str) -> Option<Number> {
-        self.places.get(name).copied()
+        self.places.get(name).copied().filter(|number| self.is_slot(*number))
+    }
+
+    /// The voter of that name.
+    #[must_use]
+    pub fn voter(&self, name: &str) -> Option<Number> {
+        self.places.get(name).copied().filter(|number| self.is_voter(*number))
     }
 
     /// Every node after all that it needs.
@@ -113,13 +149,14 @@ impl Graph {
     }
 
     /// Those whose faults may show in a node, by how many steps they are away: first those at one step, and so on, as far as
-    /// [`CHAIN_STEPS`].
+    /// [`CHAIN_STEPS`]. Nobody beyond a voter: where it failed by itself, that has a root of its own.
     pub fn upstream(&self, number: Number) -> impl Iterator<Item = Vec<Number>> {
         let (mut seen, mut edge) = (vec![false; self.nodes.len()], vec![number]);
         seen[number] = true;
         let step = move || {
             let mut next = Vec::new();
-            for number in edge.iter().flat_map(|number| &self.upstream[*number]) {
+            let seen_through = |node: &&Number| **node == number || !self.is_voter(**node);
+            for number in edge.iter().filter(seen_through).flat_map(|number| &self.upstream[*number]) {
                 if !std::mem::replace(&mut seen[*number], true) {
                     next.push(*number);
                 }
@@ -130,10 +167,51 @@ impl Graph {
         std::iter::from_fn(step).take(CHAIN_STEPS)
     }
 
-    /// The slots whose faults may show in one, nearest first, at most [`CHAIN_SLOTS`].
+    /// The slots whose faults may show in one, nearest first, at most [`CHAIN_SLOTS`]; one that is reached through other voters,
+    /// and not without all of these, is named again.
     #[must_use]
-    pub fn chain(&self, slot: Number) -> Vec<Number> {
-        self.upstream(slot).flatten().filter(|number| self.is_slot(*number)).take(CHAIN_SLOTS).collect()
+    pub fn chain(&self, slot: Number) -> Vec<Link> {
+        let start = Link { slot, through: Vec::new() };
+        let (mut known, mut found) = (vec![Vec::new(); self.nodes.len()], Vec::new());
+        known[slot].push(Vec::new());
+        let mut edge = vec![start];
+        for _ in 0..CHAIN_STEPS {
+            let further =
+                edge.iter().flat_map(|link| self.upstream[link.slot].iter().map(|up| self.further(link, *up)));
+            let is_new = |link: &Link| {
+                let ways: &mut Vec<Vec<Number>> = &mut known[link.slot];
+                let is_new = !ways.iter().any(|way| way.iter().all(|voter| link.through.contains(voter)));
+                ways.extend(is_new.then(|| link.through.clone()));
+                is_new
+            };
+            edge = further.filter(is_new).take(CHAIN_SLOTS).collect();
+            found.extend(edge.iter().filter(|link| self.is_slot(link.slot)).cloned());
+            if edge.is_empty() || found.len() >= CHAIN_SLOTS {
+                break;
+            }
+        }
+        found.truncate(CHAIN_SLOTS);
+        found
+    }
+
+    fn further(&self, link: &Link, up: Number) -> Link {
+        let mut through = link.through.clone();
+        if self.is_voter(up) && !through.contains(&up) {
+            through.push(up);
+        }
+        Link { slot: up, through }
+    }
+
+    /// True of all whose faults may show in a node, however far away, itself among them.
+    #[must_use]
+    pub fn sources(&self, number: Number) -> Vec<bool> {
+        let (mut is_source, mut open) = (vec![false; self.nodes.len()], vec![number]);
+        while let Some(number) = open.pop() {
+            if !std::mem::replace(&mut is_source[number], true) {
+                open.extend(&self.upstream[number]);
+            }
+        }
+        is_source
     }
 }
 
@@ -158,6 +236,7 @@ fn order(nodes: &[Node], dependents: &[Vec<Number>]) -> Vec<Number> {
 /// A graph that is being put together.
 struct Compiler {
     nodes: Vec<Node>,
+    /// Slots, and voters that have a name.
     slots: HashMap<String, Number>,
     applications: HashMap<String, Number>,
     composites: HashMap<Vec<String>, Number>,
@@ -172,13 +251,26 @@ impl Compiler {
             coverage: slot.rules.coverage,
             is_actuator: plan.system.emergency.contains(&slot.name),
         };
-        let nodes: Vec<Node> = plan.slots.iter().zip(executors).map(node).collect();
-        let slots = nodes.iter().enumerate().map(|(number, node)| (node.name.clone(), number)).collect();
+        let voter = |voting: &VotingPlan| Node {
+            name: voting.name.clone().unwrap_or_default(),
+            executor: NO_EXECUTOR,
+            ..Node::default()
+        };
+        let slots = plan.slots.iter().zip(executors).map(node);
+        let nodes: Vec<Node> = slots.chain(plan.votings.iter().map(voter)).collect();
+        let named = nodes.iter().enumerate().filter(|(_, node)| !node.name.is_empty());
+        let slots = named.map(|(number, node)| (node.name.clone(), number)).collect();
         Self { nodes, slots, applications: HashMap::new(), composites: HashMap::new() }
     }
 
     fn finish(mut self, plan: &Plan) -> Graph {
-        let slots = self.nodes.len();
+        let (slots, voters) = (plan.slots.len(), plan.votings.len());
+        for (voter, voting) in plan.votings.iter().enumerate() {
+            let members = voting.inputs.iter().filter_map(|input| self.slots.get(&input.slot).copied());
+            let (on, names) = (members.collect(), voting.inputs.iter().map(|input| input.slot.as_str()));
+            let need = Need { on, require: voting.require, text: text(voting.require, names) };
+            self.nodes[slots + voter].needs.push(need);
+        }
         for dependency in &plan.dependencies {
             let Some(dependent) = self.slots.get(&dependency.slot).copied() else { continue };
             let on = dependency.on.iter().map(|needed| self.needed(&needed.name, &needed.slots)).collect();
@@ -207,7 +299,7 @@ impl Compiler {
                 Some(if link.kind == PortKind::Service { (target, source) } else { (source, target) })
             })
             .collect();
-        Graph::new(self.nodes, slots, &connections)
+        Graph::new(self.nodes, slots, voters, &connections)
     }
 
     /// The node of a name in a dependency.

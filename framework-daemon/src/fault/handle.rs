@@ -11,14 +11,17 @@ use super::decide::{Batch, Wave};
 use super::diagnose::{Own, Recent, Verdict, diagnose};
 use super::graph::{Graph, Number};
 use super::order::{Order, Refused, Verb};
+use super::quorum;
 use super::situation::{Senseless, Situation};
 use crate::exec::emergency::{self, Notice};
 use crate::exec::executor::{Executor, Move};
+use crate::exec::follow::Upstream;
 use crate::exec::slot::Slot;
 use crate::model::fault::{FaultEvent, Outcome, Stage};
 use crate::model::ladder::Answer;
 use crate::model::lifecycle::State;
 use crate::model::limits::{BOOT_STEP, HANDLING_STEP};
+use crate::port::voter::Voter;
 use crate::profile::plan::Plan;
 use crate::sys::{clock, latch};
 
@@ -35,10 +38,11 @@ pub struct Hand {
     pub autostart: bool,
 }
 
-/// All that runs, as it is handled: the plan's slots, in its order.
+/// All that runs, as it is handled: the plan's slots and voters, in its order.
 pub struct Cast {
-    graph: Graph,
+    pub(super) graph: Graph,
     hands: Vec<Hand>,
+    pub(super) voters: Vec<Arc<Voter>>,
     executors: Vec<Arc<Executor>>,
 }
 
@@ -49,9 +53,9 @@ impl Cast {
         self.hands.iter().map(|hand| Arc::clone(&hand.slot)).collect()
     }
 
-    /// Of that plan, whose slots these are, in its order.
+    /// Of that plan, whose slots and voters these are, in its order.
     #[must_use]
-    pub fn new(plan: &Plan, hands: Vec<Hand>) -> Self {
+    pub fn new(plan: &Plan, hands: Vec<Hand>, voters: Vec<Arc<Voter>>) -> Self {
         let mut executors: Vec<Arc<Executor>> = Vec::new();
         let mut places: HashMap<*const Executor, usize> = HashMap::new();
         let mut number = |executor: &Arc<Executor>| {
@@ -62,7 +66,7 @@ impl Cast {
         };
         let numbers: Vec<usize> = hands.iter().map(|hand| number(&hand.executor)).collect();
         let graph = Graph::compile(plan, &numbers);
-        Self { graph, hands, executors }
+        Self { graph, hands, voters, executors }
     }
 
     /// Starts those that are new and start by themselves, needed ones first; those that lack what they need stay as they
@@ -76,7 +80,8 @@ impl Cast {
             _ if hand.autostart && is_new(hand.slot.name) => Own::Wanted,
             _ => Own::Off,
         };
-        let mut own: Vec<Own> = self.hands.iter().map(own).collect();
+        let voters = self.voters.iter().map(|voter| quorum::own_of(voter, None));
+        let mut own: Vec<Own> = self.hands.iter().map(own).chain(voters).collect();
         let mut verdicts = self.look(&own);
         for number in self.graph.order().iter().copied().filter(|number| self.graph.is_slot(*number)) {
             let hand = &self.hands[number];
@@ -99,8 +104,11 @@ impl Cast {
     fn tell_chains(&self) {
         let mut chains: Vec<Vec<_>> = self.executors.iter().map(|_| Vec::new()).collect();
         for (number, hand) in self.hands.iter().enumerate() {
-            let upstream =
-                self.graph.chain(number).into_iter().map(|other| Arc::clone(&self.hands[other].slot.charges));
+            let through = |voter: Number| Arc::clone(self.voters[voter - self.graph.slots()].shortfall());
+            let upstream = self.graph.chain(number).into_iter().map(|link| Upstream {
+                charges: Arc::clone(&self.hands[link.slot].slot.charges),
+                through: link.through.into_iter().map(through).collect(),
+            });
             chains[self.graph.nodes()[number].executor].push((hand.member, upstream.collect()));
         }
         self.executors.iter().zip(chains).for_each(|(executor, chains)| executor.follow(chains));
@@ -145,13 +153,13 @@ pub type Line = (&'static str, Map<String, Value>);
 /// The fault manager's hands.
 #[derive(Default)]
 pub struct Handler {
-    cast: Option<Cast>,
-    situation: Situation,
+    pub(super) cast: Option<Cast>,
+    pub(super) situation: Situation,
     /// Something changed that who looks on is to know.
     has_news: bool,
-    /// How slots were before a reload took the cast away.
-    before: HashMap<&'static str, Own>,
-    recent: Recent,
+    /// How slots and voters were before a reload took the cast away.
+    pub(super) before: HashMap<&'static str, Own>,
+    pub(super) recent: Recent,
     /// The fault that the emergency stop is latched for.
     emergency: Option<u64>,
 }
@@ -159,7 +167,10 @@ pub struct Handler {
 impl Handler {
     /// Takes up what runs now; returns lines about whom that changes.
     pub fn adopt(&mut self, cast: Cast) -> Vec<Line> {
-        let own = cast.hands.iter().map(|hand| own_of(hand, self.before.get(hand.slot.name).copied())).collect();
+        let own = cast.hands.iter().map(|hand| own_of(hand, self.before.get(hand.slot.name).copied()));
+        let voters =
+            cast.voters.iter().map(|voter| quorum::own_of(voter, self.before.get(voter.parts().name).copied()));
+        let own = own.chain(voters).collect();
         let running = cast.hands.iter().map(|hand| hand.slot.status.state() == State::Active).collect();
         self.situation = Situation::new(own, running);
         self.recent.forget();
@@ -171,8 +182,9 @@ impl Handler {
     /// Lets go of all that runs: it is about to change, or to end.
     pub fn withdraw(&mut self) {
         if let Some(cast) = self.cast.take() {
-            let hands = cast.hands.iter().enumerate();
-            self.before = hands.map(|(number, hand)| (hand.slot.name, self.situation.own(number))).collect();
+            let names = cast.hands.iter().map(|hand| hand.slot.name);
+            let names = names.chain(cast.voters.iter().map(|voter| voter.parts().name)).enumerate();
+            self.before = names.map(|(number, name)| (name, self.situation.own(number))).collect();
         }
     }
 
@@ -183,7 +195,8 @@ impl Handler {
         if let Some(cause) = event.cause {
             return self.recent.root_at(cast.graph.slot(cause)?, event.fault.at_ns);
         }
-        self.recent.root_of(&cast.graph, cast.graph.slot(event.slot)?, event.fault.at_ns)
+        let blamed = if quorum::is_its_own(event) { cast.graph.voter(event.slot) } else { cast.graph.slot(event.slot) };
+        self.recent.root_of(&cast.graph, blamed?, event.fault.at_ns)
     }
 
     /// True where a fault is left to another one that has not been told of yet: the recovery of that slot comes first.
@@ -194,12 +207,13 @@ impl Handler {
 
     /// Takes note of a fault that was journaled under that sequence number; returns lines about what follows.
     pub fn take(&mut self, event: &FaultEvent, sequence: u64, root: Option<u64>) -> Vec<Line> {
+        if quorum::is_its_own(event) {
+            return self.take_quorum(event, sequence, root);
+        }
         if event.fault.stage != Stage::Confirmed {
             return Vec::new();
         }
-        if event.answer == Answer::Emergency && emergency::latched() && self.emergency.is_none() {
-            self.emergency = Some(sequence);
-        }
+        self.note_emergency(event, sequence);
         let Some(slot) = self.cast.as_ref().and_then(|cast| cast.graph.slot(event.slot)) else {
             // Nothing is handled at this moment: the state of the slot will tell.
             if event.outcome == Outcome::Stopped {
@@ -217,8 +231,15 @@ impl Handler {
         if follows { self.settle() } else { Vec::new() }
     }
 
-    /// Events were lost: the states of the slots tell what they said.
+    pub(super) fn note_emergency(&mut self, event: &FaultEvent, sequence: u64) {
+        if event.answer == Answer::Emergency && emergency::latched() && self.emergency.is_none() {
+            self.emergency = Some(sequence);
+        }
+    }
+
+    /// Events were lost: the states of the slots and voters tell what they said.
     pub fn look_around(&mut self) -> Vec<Line> {
+        self.look_at_voters();
         let Some(cast) = &self.cast else { return Vec::new() };
         for (number, hand) in cast.hands.iter().enumerate() {
             match hand.slot.status.state() {
@@ -268,7 +289,7 @@ impl Handler {
         }
         let unknown = || Refused::NoSuchSlot(order.slot.clone());
         let number = cast.graph.slot(&order.slot).ok_or_else(unknown)?;
-        if order.verb != Verb::Stop && emergency::latched() {
+        if order.verb != Verb::Stop && emergency::latched() && !self.is_missed(cast, number) {
             return Err(Refused::latched());
         }
         let state = cast.hands[number].slot.status.state();
@@ -283,12 +304,14 @@ impl Handler {
 
     /// The operator takes the emergency stop back: actuators start again.
     fn clear(&mut self) -> Result<(Value, Vec<Line>), Refused> {
+        self.refuse_while_voters_fall_short()?;
         let cleared = emergency::clear()
             .ok_or_else(|| Refused::Other("no emergency stop is latched: there is nothing to clear".to_owned()))?;
         let mut fields = Map::new();
         fields.insert("root".into(), self.emergency.take().into());
         let mut lines = vec![("clear", fields)];
         self.cast.iter().for_each(|cast| self.situation.clear(&cast.graph));
+        self.forgive_voters();
         lines.extend(self.settle());
         let nodes = self.cast.iter().flat_map(|cast| cast.graph.nodes()).enumerate();
         let actuators = nodes.filter(|(_, node)| node.is_actuator).map(|(number, _)| number);
@@ -323,7 +346,7 @@ impl Handler {
     }
 
     /// Brings what runs to what is to run.
-    fn settle(&mut self) -> Vec<Line> {
+    pub(super) fn settle(&mut self) -> Vec<Line> {
         let Some(cast) = self.cast.take() else { return Vec::new() };
         self.situation.latch(&cast.graph, emergency::latched(), self.emergency);
         let (verdicts, moves) = self.situation.settle(&cast.graph);

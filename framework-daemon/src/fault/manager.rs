@@ -17,7 +17,7 @@ use super::journal::Journal;
 use super::latchkeeper::Latchkeeper;
 use super::ledger::{Ledger, Verdict};
 use super::order::{Order, Verb};
-use super::{ports, words};
+use super::{ports, quorum, words};
 use crate::exec::emergency::{self, Notice};
 use crate::exec::recover::lost_events;
 use crate::exec::slot::Slot;
@@ -412,6 +412,9 @@ fn tell(event: &FaultEvent, origin: &Origin) {
         }
         Outcome::Stopped if event.answer == crate::model::ladder::Answer::Emergency => {
             tracing::error!("slot {slot} ({class}): {symptom}: {message}; emergency stop");
+        }
+        Outcome::Stopped if quorum::is_its_own(event) => {
+            tracing::error!("voter {slot}: {symptom}: {message}; whoever depends on it is stopped");
         }
         Outcome::Stopped => tracing::error!("slot {slot} ({class}): {symptom}: {message}; the slot is stopped"),
         Outcome::Failed => tracing::error!("slot {slot} ({class}): {symptom}: {message}; its {} failed", action(event)),

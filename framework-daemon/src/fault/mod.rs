@@ -35,6 +35,9 @@ pub mod order;
 /// The fault manager's ports: what components hear of faults, and report.
 pub mod ports;
 
+/// What follows where too few members of a voter agree.
+pub mod quorum;
+
 /// How all slots are, and what follows; pure.
 pub mod situation;
 

@@ -56,6 +56,15 @@ impl Refused {
         Self::Other(format!("a fault stopped `{slot}`: `component reset {slot}` brings it back"))
     }
 
+    /// Too few of these members of a voter agree.
+    pub(super) fn short(voter: &str, require: usize, members: &[&str]) -> Self {
+        let members = members.join(", ");
+        Self::Other(format!(
+            "the emergency stop stays: too few members of the voter `{voter}` agree, {require} of {members} must; its slots \
+             can be reset and started meanwhile"
+        ))
+    }
+
     pub(super) fn sound(slot: &str, state: State) -> Self {
         let state = state.name();
         Self::Other(format!(

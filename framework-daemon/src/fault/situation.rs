@@ -32,7 +32,7 @@ pub enum Senseless {
 pub type Change = (Number, Option<Reason>, Option<Reason>);
 
 impl Situation {
-    /// Slots that are like this by themselves, of which these run.
+    /// Slots, and after them voters, that are like this by themselves; of the slots these run.
     #[must_use]
     pub fn new(own: Vec<Own>, running: Vec<bool>) -> Self {
         let (held, raised) = (vec![None; own.len()], vec![false; own.len()]);
@@ -68,6 +68,11 @@ impl Situation {
             Outcome::Recovered | Outcome::Ignored | Outcome::Failed | Outcome::Consequence => return false,
         }
         true
+    }
+
+    /// Too few members of a voter agree, which the fault of that number told; or enough of them.
+    pub fn vote(&mut self, voter: Number, fault: Option<u64>) {
+        self.own[voter] = fault.map_or(Own::Wanted, Own::Faulty);
     }
 
     /// A slot was found like this.

@@ -17,7 +17,8 @@
 //!
 //! A root is a fault that its own rules answer. One that they ignore heals nobody, so whoever it reaches answers for himself.
 //! And it counts from the moment in which it was seen, not from that in which its executor takes it up: the consequence may be
-//! quicker. Tried and left: marking the followers when the root fails; the recovery would pay for each of them.
+//! quicker. A voter hides its members: one that is outvoted excuses no reader, because the others are handed on; only while
+//! too few agree ([`Lapse`](crate::model::chain::Lapse)) a reader's fault is looked for beyond it. Tried and left: marking the followers when the root fails; the recovery would pay for each of them.
 
 use super::limits::CONSEQUENCE_WINDOW;
 use super::symptom::{Severity, SeverityTable, Symptom};
@@ -131,6 +132,37 @@ impl Mark {
     }
 }
 
+/// A time in which a voter had nothing to hand on, because too few of its members agreed: whatever its readers lack comes of
+/// what the members have.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lapse {
+    /// When it began; 0: there was none.
+    pub since_ns: u64,
+    /// When it ended; [`u64::MAX`]: it lasts.
+    pub until_ns: u64,
+}
+
+impl Lapse {
+    /// After too few agree, from then on. One that follows another within the window is the same.
+    #[must_use]
+    pub fn begun(self, now_ns: u64) -> Self {
+        let goes_on = self.reaches(now_ns);
+        Self { since_ns: if goes_on { self.since_ns } else { now_ns }, until_ns: u64::MAX }
+    }
+
+    /// After enough agree again.
+    #[must_use]
+    pub const fn ended(self, now_ns: u64) -> Self {
+        Self { until_ns: now_ns, ..self }
+    }
+
+    /// True where what began then at one of its readers may come of it.
+    #[must_use]
+    pub fn reaches(self, onset_ns: u64) -> bool {
+        self.since_ns != 0 && self.since_ns <= onset_ns && onset_ns <= until_ns(self.until_ns)
+    }
+}
+
 fn reaches(root_ns: u64, at_ns: u64) -> bool {
     root_ns != 0 && at_ns <= until_ns(root_ns)
 }
@@ -186,6 +218,16 @@ mod tests {
         assert_eq!((twice.root_until_ns(200), twice.root_until_ns(100)), (Some(300 + WINDOW), None));
         let later = twice.taken_up(301 + WINDOW);
         assert_eq!((later.first_ns, later.root_until_ns(200)), (301 + WINDOW, None));
+    }
+
+    #[test]
+    fn what_a_reader_lacks_comes_of_a_lapse_while_it_lasts_and_a_window_after() {
+        let lapse = Lapse::default().begun(100);
+        assert!(!Lapse::default().reaches(100) && !lapse.reaches(99));
+        assert!(lapse.reaches(100) && lapse.reaches(10 * WINDOW));
+        let over = lapse.ended(200);
+        assert!(over.reaches(200 + WINDOW) && !over.reaches(201 + WINDOW));
+        assert_eq!((over.begun(300).since_ns, over.begun(201 + WINDOW).since_ns), (100, 201 + WINDOW));
     }
 
     proptest! {

@@ -18,6 +18,7 @@ use super::output::OutPort;
 use super::tap::{Heard, Probe, Tap};
 use crate::detect::poll::{Demand, Poll, Vote};
 use crate::detect::vote::Members;
+use crate::model::chain::Lapse;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Label, Outcome, Stage, Times};
 use crate::model::ladder::Answer;
 use crate::model::limits::VOTERS;
@@ -50,6 +51,11 @@ pub struct Parts {
     pub output: Arc<OutPort>,
     /// To the fault manager.
     pub faults: FaultSender,
+    /// What is to be done where too few agree: nothing, a stop of whoever depends on it, or the emergency stop.
+    pub severity: Severity,
+    /// Raises the emergency stop, of which ports know nothing, for the voter of that name at that time. Called within a
+    /// callback of a member: takes no lock and waits for nobody.
+    pub alarm: fn(&'static str, u64),
 }
 
 /// A voter.
@@ -57,6 +63,7 @@ pub struct Voter {
     parts: Parts,
     /// When somebody has been silent for too long, unless he is heard before.
     due_ns: AtomicU64,
+    shortfall: Arc<Shortfall>,
     // Held while plain numbers are compared and counts change: no memory of a plugin is touched meanwhile.
     state: Mutex<State>,
 }
@@ -68,6 +75,30 @@ struct State {
     last: Option<Vote>,
     /// Whom its readers' waiting was blamed on.
     blamed: Members,
+}
+
+/// When too few of its members agreed, for whoever looks for roots beyond it: without a lock, and apart from the voter, which
+/// holds objects of plugins.
+#[derive(Debug, Default)]
+pub struct Shortfall {
+    since_ns: AtomicU64,
+    until_ns: AtomicU64,
+}
+
+impl Shortfall {
+    /// The last time.
+    #[must_use]
+    pub fn lapse(&self) -> Lapse {
+        Lapse { since_ns: self.since_ns.load(Ordering::Acquire), until_ns: self.until_ns.load(Ordering::Acquire) }
+    }
+
+    /// One thread at a time.
+    fn note(&self, few: bool, now_ns: u64) {
+        let Lapse { since_ns, until_ns } = if few { self.lapse().begun(now_ns) } else { self.lapse().ended(now_ns) };
+        // In this order: who reads in between finds a lapse that had ended.
+        self.since_ns.store(since_ns, Ordering::Release);
+        self.until_ns.store(until_ns, Ordering::Release);
+    }
 }
 
 /// What it did lately.
@@ -86,7 +117,7 @@ impl Voter {
         let poll = Poll::new(parts.demand, parts.members.len());
         let newest = array::from_fn(|_| None);
         let state = Mutex::new(State { poll, newest, votes: 0, last: None, blamed: Members::default() });
-        let voter = Arc::new(Self { parts, due_ns: AtomicU64::new(u64::MAX), state });
+        let voter = Arc::new(Self { parts, due_ns: AtomicU64::new(u64::MAX), shortfall: Arc::default(), state });
         voter.parts.output.belong_to(Arc::new(Spokesman(Arc::downgrade(&voter))));
         voter
     }
@@ -134,12 +165,37 @@ impl Voter {
         let mut state = self.state();
         let heard_ns = array::from_fn(|member| state.poll.heard_ns(member).unwrap_or(now_ns));
         let changes = state.poll.look(now_ns);
+        self.note_few(changes, now_ns);
         state.last = changes.or(state.last);
         self.set_due(&state.poll);
         drop(state);
         if let Some(changes) = changes {
             self.tell(&changes, &heard_ns, now_ns);
         }
+    }
+
+    /// Too few of its members agree: it hands nothing on.
+    #[must_use]
+    pub fn falls_short(&self) -> bool {
+        self.state().poll.is_few()
+    }
+
+    /// That too few agree is forgiven: they have the time again in which each may be silent, or it is told anew.
+    pub fn forgive(&self, now_ns: u64) {
+        let mut state = self.state();
+        state.poll.forgive(now_ns);
+        self.shortfall.note(false, now_ns);
+        self.set_due(&state.poll);
+    }
+
+    /// When too few of its members agreed.
+    #[must_use]
+    pub const fn shortfall(&self) -> &Arc<Shortfall> {
+        &self.shortfall
+    }
+
+    fn note_few(&self, vote: Option<Vote>, now_ns: u64) {
+        vote.and_then(|vote| vote.few).into_iter().for_each(|few| self.shortfall.note(few, now_ns));
     }
 
     fn set_due(&self, poll: &Poll) {
@@ -159,6 +215,7 @@ impl Voter {
             state.last = vote;
         }
         self.set_due(&state.poll);
+        self.note_few(vote, now_ns);
         let heard_ns = vote.map(|_| array::from_fn(|member| state.poll.heard_ns(member).unwrap_or(now_ns)));
         drop(state);
         // The last holder of an object frees the memory of a plugin.
@@ -181,6 +238,9 @@ impl Voter {
     }
 
     fn tell(&self, vote: &Vote, heard_ns: &[u64; VOTERS], now_ns: u64) {
+        if vote.few == Some(true) && self.parts.severity == Severity::Emergency {
+            (self.parts.alarm)(self.parts.name, now_ns);
+        }
         let changes = [(vote.fell_out, Stage::Confirmed), (vote.came_back, Stage::Healed)];
         for (members, stage) in changes {
             self.charge(members, |member| Fault {
@@ -213,9 +273,9 @@ impl Voter {
         }
     }
 
-    /// Too few agree, or enough again: nobody else's fault. There is no slot whose rules could answer it.
+    /// Too few agree, or enough again: nobody else's fault. Its own rule answers it.
     fn tell_of_itself(&self, vote: &Vote, few: bool, now_ns: u64) {
-        let Parts { name, demand, field, members, output, faults, .. } = &self.parts;
+        let Parts { name, demand, field, members, output, faults, severity, .. } = &self.parts;
         let evidence = Evidence::Quorum {
             port: Label::of(format_args!("{name}.{}", output.name)),
             field: *field,
@@ -224,14 +284,19 @@ impl Voter {
             members: members.len() as u32,
         };
         let stage = if few { Stage::Confirmed } else { Stage::Healed };
+        let (answer, outcome) = match severity {
+            Severity::Stop if few => (Answer::Stop, Outcome::Stopped),
+            Severity::Emergency if few => (Answer::Emergency, Outcome::Stopped),
+            _ => (Answer::Ignore, Outcome::Ignored),
+        };
         let event = FaultEvent {
             slot: name,
             class: CLASS,
             fault: Fault { stage, ..Fault::told(Symptom::Vote, now_ns, evidence) },
-            severity: Severity::Ignore,
-            answer: Answer::Ignore,
+            severity: *severity,
+            answer,
             successor: None,
-            outcome: Outcome::Ignored,
+            outcome,
             checkpoint_ns: None,
             cause: None,
             times: Times::default(),

@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::plan::{
-    ConnectionPlan, DataPortPlan, FaultRules, Overflow, Plan, PortKind, PortRef, Preload, Queue, SlotPlan, Trigger,
-    Usage, Validity, VotingPlan,
+    ConnectionPlan, DataPortPlan, FaultRules, NeededPlan, Overflow, Plan, PortKind, PortRef, Preload, Queue, SlotPlan,
+    Trigger, Usage, Validity, VotingPlan,
 };
 use crate::model::limits::{RECOVERY_LEAST, RECOVERY_LEAST_UNPREPARED};
 use crate::model::symptom::{Severity, Symptom};
@@ -38,6 +38,7 @@ pub fn doubts(plan: &Plan) -> Vec<Doubt> {
         own.into_iter().flatten().for_each(&mut doubt);
     }
     found.extend(crowded(plan));
+    found.extend(plan.votings.iter().filter_map(|voting| quorum(plan, voting)));
     found
 }
 
@@ -230,6 +231,25 @@ fn deadline(slot: &SlotPlan) -> Option<Said> {
         slot.name
     );
     Some((message, "a callback must be over before the next one begins"))
+}
+
+/// A voter's rule that stops nobody, or a dependency on one that its rule lets go on.
+fn quorum(plan: &Plan, voting: &VotingPlan) -> Option<Doubt> {
+    let name = voting.name.as_ref()?;
+    let needs = |on: &[NeededPlan]| on.iter().any(|needed| needed.slots.contains(name));
+    let is_needed = plan.dependencies.iter().any(|dependency| needs(&dependency.on));
+    let (message, hint) = match voting.severity {
+        Severity::Stop if !is_needed => (
+            format!("nothing depends on the voter \"{name}\": its severity \"stop\" stops nobody"),
+            "add a <dependency> of who reads it on the voter, or say severity \"emergency\"",
+        ),
+        Severity::Ignore if is_needed => (
+            format!("who depends on the voter \"{name}\" goes on where too few of its members agree: that is ignored"),
+            "add <severity>stop</severity> to the <voting>",
+        ),
+        _ => return None,
+    };
+    Some(Doubt { slot: name.clone(), message, hint })
 }
 
 /// Executors whose slots may need more than all of its time.

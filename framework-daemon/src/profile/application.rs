@@ -14,6 +14,7 @@ use super::quantity;
 use super::source::{Spot, Word};
 use super::xml::Element;
 use crate::model::limits;
+use crate::model::symptom::Severity;
 
 /// Slots and their connections: an application or a composite.
 #[derive(Clone, Debug, Serialize)]
@@ -174,6 +175,8 @@ pub struct Voting {
     pub max_age: Option<Duration>,
     /// How many must agree.
     pub require: Option<usize>,
+    /// What to do where too few do.
+    pub severity: Severity,
     /// Where the element stands.
     #[serde(skip)]
     pub spot: Spot,
@@ -372,6 +375,30 @@ fn voting(element: &Element, report: &mut Reporter) -> Voting {
         field: element.value_of("field").to_owned(),
         max_age: fault_rules::positive(element, "max_age", report),
         require,
+        severity: severity_of_vote(element, report),
         spot: report.spot(element.name_span),
     }
+}
+
+/// What is to be done where too few agree: nothing, unless the element says so. What a slot inherits from a composite is about
+/// being outvoted, which is another fault.
+fn severity_of_vote(element: &Element, report: &mut Reporter) -> Severity {
+    let Some(rule) = element.child("severity") else { return Severity::Ignore };
+    let symptom = report.value_word(rule, "symptom");
+    if !matches!(symptom.text.as_str(), "" | "vote") {
+        let message = format!("a voter has no fault \"{}\" of its own", symptom.text);
+        report.error(symptom.spot.span, message).hint =
+            Some("its one fault is vote: too few agree; what its members do is for their own rules".to_owned());
+    }
+    let severity = Severity::from_name(&rule.text).unwrap_or(Severity::Ignore);
+    if severity == Severity::Reset {
+        report.error(rule.text_span, "a voter cannot be reset").hint =
+            Some("it has no state that a reset would mend: say ignore, stop or emergency".to_owned());
+        return Severity::Ignore;
+    }
+    if severity == Severity::Stop && element.value_of("name").is_empty() {
+        report.error(rule.text_span, "nobody can depend on a voter without a name: stop stops nobody").hint =
+            Some("give the <voting> a name, and add <dependency component=\"reader\" on=\"that name\"/>".to_owned());
+    }
+    severity
 }

@@ -82,6 +82,8 @@ pub struct Placement {
     pub document: Arc<Document>,
     /// Its names.
     pub scope: Scope,
+    /// What the names of its slots begin with.
+    pub prefix: String,
 }
 
 /// Everything that is put together so far.
@@ -124,7 +126,7 @@ pub struct Assembler {
     /// Slots that are compared with models.
     pub(super) placed_models: Vec<ReferenceModelPlan>,
     /// Outputs that are voted over.
-    pub(super) placed_votings: Vec<VotingPlan>,
+    pub(super) placed_votings: Vec<(VotingPlan, Spot)>,
     /// How many properties all slots have.
     pub(super) properties: usize,
     /// True where references are not followed.
@@ -181,7 +183,7 @@ impl Assembler {
         self.incomplete_slots |= assembly.incomplete;
         let (ports, all) = self.exports(assembly, &scope);
         let incomplete = assembly.incomplete || !all;
-        self.placements.push(Placement { document: Arc::clone(document), scope });
+        self.placements.push(Placement { document: Arc::clone(document), scope, prefix: prefix.to_owned() });
         Inside { ports, slots: (first_slot..self.slots.len()).collect(), incomplete }
     }
 

@@ -14,6 +14,7 @@ use super::quantity::format_duration;
 use super::source::{Spot, Word};
 use super::suggest;
 use super::wire::{Port, ports_of};
+use crate::model::symptom::Severity;
 
 /// A slot compared with a model of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -56,6 +57,8 @@ pub struct VotingPlan {
     pub max_age: Option<Duration>,
     /// How many must agree, or nothing is handed on.
     pub require: usize,
+    /// What to do where too few do: [`Severity::Reset`] is none of it. Nothing is inherited.
+    pub severity: Severity,
     /// Where it was declared.
     pub location: Location,
 }
@@ -102,7 +105,7 @@ impl Assembler {
             return Placed::Broken;
         };
         let name = (!voting.name.text.is_empty()).then(|| format!("{prefix}{}", voting.name.text));
-        self.placed_votings.push(VotingPlan {
+        let plan = VotingPlan {
             name: name.clone(),
             port: first.name.clone(),
             data_type: first.type_name.clone(),
@@ -112,8 +115,10 @@ impl Assembler {
             field: voting.field.clone(),
             max_age: voting.max_age,
             require: voting.require.unwrap_or(voting.inputs.len() / 2 + 1),
+            severity: voting.severity,
             location: voting.spot.location(),
-        });
+        };
+        self.placed_votings.push((plan, voting.spot.clone()));
         let end = PortRef { slot: name.unwrap_or_default(), port: first.name.clone() };
         Placed::Voter(Box::new(Port { end, ..first }))
     }
@@ -288,8 +293,7 @@ impl Assembler {
             Some(Placed::Composite(inside)) => inside.slots.clone(),
             Some(Placed::Voter(voter)) => {
                 let message = format!("\"{}\" is a voter, no slot", word.text);
-                let hint =
-                    format!("name the slots that vote, it never fails, they do: {}", self.members_of(&voter.end.slot));
+                let hint = format!("name the slots that vote: {}", self.members_of(&voter.end.slot));
                 self.error(&word.spot, message, &hint);
                 Vec::new()
             }
@@ -305,7 +309,8 @@ impl Assembler {
 
     /// The slots whose outputs a voter votes over, as a list.
     pub(super) fn members_of(&self, voter: &str) -> String {
-        let voting = self.placed_votings.iter().find(|voting| voting.name.as_deref() == Some(voter));
+        let voting =
+            self.placed_votings.iter().map(|(voting, _)| voting).find(|voting| voting.name.as_deref() == Some(voter));
         let mut names: Vec<&str> = Vec::new();
         for input in voting.iter().flat_map(|voting| &voting.inputs) {
             if !names.contains(&input.slot.as_str()) {
@@ -313,6 +318,14 @@ impl Assembler {
             }
         }
         suggest::listed(names)
+    }
+
+    /// As [`slots_called`](Self::slots_called), of what somebody needs: that may be a voter, too, of this assembly or, `inner.name`, of
+    /// a composite in it. `prefix`: that of the assembly's slots.
+    pub(super) fn needed_called(&mut self, word: &Word, scope: &Scope, prefix: &str) -> Vec<String> {
+        let name = format!("{prefix}{}", word.text);
+        let is_voter = self.placed_votings.iter().any(|(voting, _)| voting.name.as_ref() == Some(&name));
+        if is_voter { vec![name] } else { self.slots_called(word, scope) }
     }
 
     /// `slot.port`: the port is behind the last dot, since slots in composites have dots in their names.

@@ -11,7 +11,9 @@ use super::diagnostic::{Diagnostic, Level};
 use super::document::{Document, Profile};
 use super::files::Files;
 use super::load::system_plan;
-use super::plan::{ApplicationDependencyPlan, Coverage, DependencyPlan, MonitorPlan, NeededPlan, Plan, SlotPlan};
+use super::plan::{
+    ApplicationDependencyPlan, Coverage, DependencyPlan, MonitorPlan, NeededPlan, Plan, SlotPlan, VotingPlan,
+};
 use super::source::{Spot, Word};
 use super::suggest;
 use super::system::SystemProfile;
@@ -46,7 +48,7 @@ pub fn finish(
     plan.connections = std::mem::take(&mut assembler.connections);
     plan.composites = std::mem::take(&mut assembler.placed_composites);
     plan.reference_models = std::mem::take(&mut assembler.placed_models);
-    plan.votings = std::mem::take(&mut assembler.placed_votings);
+    plan.votings = std::mem::take(&mut assembler.placed_votings).into_iter().map(|(voting, _)| voting).collect();
     plan.composites.sort_by(|one, other| one.name.cmp(&other.name));
     findings.append(&mut assembler.findings);
     // Of what is not whole nothing can be proved.
@@ -135,26 +137,27 @@ impl Validator {
         let mut edges = Edges::new();
         let mut order = Edges::new();
         for placement in std::mem::take(&mut self.assembler.placements) {
-            let Placement { document, scope } = placement;
+            let Placement { document, scope, prefix } = placement;
             let (Some(Profile::Application(assembly)) | Some(Profile::Composite(assembly))) = &document.profile else {
                 continue;
             };
             for dependency in &assembly.dependencies {
-                self.dependency(dependency, &scope, &mut edges);
+                self.dependency(dependency, &scope, &prefix, &mut edges);
             }
             self.refuse_twins(&assembly.dependencies);
             self.order(assembly, &scope, &mut order);
             self.helpers(assembly, &scope);
         }
+        self.votings(&mut edges);
         self.refuse_cycles(&edges, "dependencies form a circle");
         self.refuse_cycles(&order, "the run order forms a circle");
     }
 
-    fn dependency(&mut self, dependency: &Dependency, scope: &Scope, edges: &mut Edges) {
+    fn dependency(&mut self, dependency: &Dependency, scope: &Scope, prefix: &str, edges: &mut Edges) {
         let dependents = self.assembler.slots_called(&dependency.dependent, scope);
         let mut on = Vec::new();
         for word in &dependency.on {
-            let slots = self.assembler.slots_called(word, scope);
+            let slots = self.assembler.needed_called(word, scope, prefix);
             for slot in &slots {
                 for dependent in &dependents {
                     edges.entry(dependent.clone()).or_default().push((slot.clone(), word.spot.clone()));
@@ -170,6 +173,16 @@ impl Validator {
                 require,
                 location: dependency.spot.location(),
             });
+        }
+    }
+
+    /// A voter needs those who vote.
+    fn votings(&self, edges: &mut Edges) {
+        for (voting, spot) in &self.assembler.placed_votings {
+            if let Some(name) = &voting.name {
+                let inputs = voting.inputs.iter().map(|input| (input.slot.clone(), spot.clone()));
+                edges.entry(name.clone()).or_default().extend(inputs);
+            }
         }
     }
 
@@ -250,7 +263,7 @@ impl Validator {
             let message = format!("\"{name}\" is a composite, no slot");
             return assembler.error(spot, message, &format!("name those slots in it that drive something: {list}"));
         }
-        if assembler.placed_votings.iter().any(|voting| voting.name.as_ref() == Some(name)) {
+        if assembler.placed_votings.iter().any(|(voting, _)| voting.name.as_ref() == Some(name)) {
             let message = format!("\"{name}\" is a voter, no slot");
             return assembler.error(spot, message, "name a slot that drives something: a voter has nothing to stop");
         }
@@ -270,15 +283,21 @@ impl Validator {
             slot.rules.coverage == Coverage::System
                 || symptoms.any(|symptom| slot.rules.severity.get(symptom) == Severity::Emergency)
         };
-        let mut found = self.assembler.slots.iter().filter(reaches).map(|slot| slot.name.clone());
-        let Some(first) = found.next() else { return };
+        let slots = self.assembler.slots.iter().filter(reaches).map(|slot| (slot.name.clone(), None));
+        let raises = |(voting, _): &&(VotingPlan, Spot)| voting.severity == Severity::Emergency;
+        let named = |(voting, spot): &(VotingPlan, Spot)| {
+            (voting.name.clone().unwrap_or_else(|| "voting".to_owned()), Some(spot.clone()))
+        };
+        let mut found = slots.chain(self.assembler.placed_votings.iter().filter(raises).map(named));
+        let Some((first, spot)) = found.next() else { return };
         let others = match found.count() {
             0 => String::new(),
             1 => " (and of another slot)".to_owned(),
             more => format!(" (and of {more} other slots)"),
         };
         let mut said = self.assembler.emergencies.iter().filter(|(slot, _)| *slot == first);
-        let spot = said.next().map(|(_, spot)| spot.clone()).or_else(|| self.assembler.declared_at(&first));
+        let spot =
+            spot.or_else(|| said.next().map(|(_, spot)| spot.clone())).or_else(|| self.assembler.declared_at(&first));
         let Some(spot) = spot else { return };
         let message =
             format!("a fault of \"{first}\"{others} brings the robot to its safe state, but no actuator is named");

@@ -120,7 +120,7 @@ fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>, given_up: &Atom
     let inserted = helpers::build(&Helpers::default(), &system.plan, &system.slots, &system.faults);
     system.helpers = inserted.map_err(BootError::Plugins)?;
     let wiring = wiring::build(&[], connections, &system.slots, &system.helpers).map_err(BootError::Plugins)?;
-    let monitors = monitors::build(&Monitors::default(), &system.plan, &system.slots);
+    let monitors = monitors::build(&Monitors::default(), &system.plan, &system.slots, &system.helpers);
     let monitors = monitors.map_err(BootError::Plugins)?;
     wiring::announce(&system.registry, &system.slots, &system.helpers, &system.plan.composites);
     wiring::apply(&wiring, &system.slots);
@@ -132,7 +132,7 @@ fn bring_up(system: &mut System, blueprints: Vec<Blueprint<'_>>, given_up: &Atom
     if let Some(keep) = &system.keep {
         keep.put_in_place();
     }
-    start(&system.plan, &system.slots, |_| true).map_err(|reason| BootError::Failed(vec![reason]))?;
+    start(&system.plan, &system.slots, &helpers, |_| true).map_err(|reason| BootError::Failed(vec![reason]))?;
     system.helpers.expect();
     Ok(())
 }
@@ -300,21 +300,22 @@ fn flow_order<'a>(names: Vec<&'a str>, connections: &'a [ConnectionPlan]) -> Vec
 ///
 /// # Errors
 /// The first whose `start` does not return.
-pub fn start(plan: &Plan, slots: &[Placed], is_new: impl Fn(&str) -> bool) -> Result<(), String> {
+pub fn start(plan: &Plan, slots: &[Placed], helpers: &Helpers, is_new: impl Fn(&str) -> bool) -> Result<(), String> {
     emergency::arm(actuators(plan, slots));
-    let stuck = cast(plan, slots).start(is_new);
+    let stuck = cast(plan, slots, helpers).start(is_new);
     stuck.map_or(Ok(()), |name| Err(format!("slot {name}: {Stuck}")))
 }
 
 /// What runs, for the fault manager.
 #[must_use]
-pub fn cast(plan: &Plan, slots: &[Placed]) -> Cast {
+pub fn cast(plan: &Plan, slots: &[Placed], helpers: &Helpers) -> Cast {
     let placed = by_name(slots);
     let hand = |slot: &SlotPlan| {
         let Placed { slot, executor, member, autostart, .. } = (*placed.get(slot.name.as_str())?).clone();
         Some(Hand { slot, executor, member, autostart })
     };
-    Cast::new(plan, plan.slots.iter().filter_map(hand).collect())
+    let voters = helpers.voters.iter().map(|voter| Arc::clone(&voter.helper)).collect();
+    Cast::new(plan, plan.slots.iter().filter_map(hand).collect(), voters)
 }
 
 fn actuators(plan: &Plan, slots: &[Placed]) -> Vec<Actuator> {

@@ -12,6 +12,7 @@ use super::system::Placed;
 use super::watch::Look;
 use super::wiring::{at, complain};
 use crate::detect::{model_diff, poll};
+use crate::exec::emergency;
 use crate::model::fault::{FaultSender, Label};
 use crate::model::limits::VOTER_AGE;
 use crate::model::names;
@@ -161,6 +162,8 @@ fn voter(
         members,
         output,
         faults: faults.clone(),
+        severity: plan.severity,
+        alarm: emergency::raise,
     });
     let ears = ports.into_iter().zip(probes).enumerate();
     let ears = ears.map(|(member, (port, probe))| Ear { port, tap: helper.ear(member, probe) }).collect();

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use component_sdk::object::TypeDescriptor;
 
 use super::blueprint::Blueprint;
+use super::helpers::{self, Helpers};
 use super::system::Placed;
 use super::watch::Look;
 use super::wiring::{at, complain, describe};
@@ -40,10 +41,10 @@ struct Post {
 ///
 /// # Errors
 /// All that is wrong, one text each.
-pub fn build(before: &Monitors, plan: &Plan, slots: &[Placed]) -> Result<Monitors, Vec<String>> {
+pub fn build(before: &Monitors, plan: &Plan, slots: &[Placed], helpers: &Helpers) -> Result<Monitors, Vec<String>> {
     let (mut posts, mut errors) = (Vec::new(), Vec::new());
     for monitor in &plan.monitors {
-        match post(before, monitor, plan, slots) {
+        match post(before, monitor, plan, slots, helpers) {
             Ok(post) => posts.push(post),
             Err(reason) => errors.push(at(&monitor.location, &reason)),
         }
@@ -51,15 +52,21 @@ pub fn build(before: &Monitors, plan: &Plan, slots: &[Placed]) -> Result<Monitor
     if errors.is_empty() { Ok(Monitors { posts }) } else { Err(errors) }
 }
 
-fn post(before: &Monitors, monitor: &MonitorPlan, plan: &Plan, slots: &[Placed]) -> Result<Post, String> {
+fn post(
+    before: &Monitors,
+    monitor: &MonitorPlan,
+    plan: &Plan,
+    slots: &[Placed],
+    helpers: &Helpers,
+) -> Result<Post, String> {
     let find = |slot: &str| slots.iter().find(|placed| placed.slot.name == slot);
     let PortRef { slot, port } = &monitor.port;
-    let watched = find(slot).ok_or_else(|| format!("{slot}.{port}: no such slot"))?;
-    let object = watched.slot.output(port).map(|port| port.object);
-    let object = object.or_else(|| watched.slot.input(port).map(|port| port.object));
+    let output =
+        |end: &PortRef| find(&end.slot).and_then(|placed| placed.slot.output(&end.port)).or(helpers.output(end));
+    let object = output(&monitor.port).map(|port| port.object);
+    let object = object.or_else(|| find(slot)?.slot.input(port).map(|port| port.object));
     let object = object.ok_or_else(|| format!("{slot}.{port}: no such data port"))?;
-    let outputs = writers_of(&monitor.port, plan).into_iter();
-    let writers = outputs.filter_map(|end| find(&end.slot)?.slot.output(&end.port).cloned()).collect();
+    let writers = writers_of(&monitor.port, plan).iter().filter_map(|end| output(end).cloned()).collect();
     let input = match kept(before, monitor, object) {
         Some(input) => input,
         None => Arc::new(input(monitor, object)?),
@@ -111,14 +118,16 @@ fn compile(monitor: &MonitorPlan, object: &'static TypeDescriptor) -> Result<Che
 
 /// What is wrong with the monitors of slots that do not exist yet.
 #[must_use]
-pub fn check(monitors: &[MonitorPlan], blueprints: &[Blueprint<'_>]) -> Vec<String> {
+pub fn check(plan: &Plan, blueprints: &[Blueprint<'_>]) -> Vec<String> {
     let wrong = |monitor: &MonitorPlan| {
-        let blueprint = blueprints.iter().find(|blueprint| blueprint.name() == monitor.port.slot)?;
-        let port = &monitor.port.port;
-        let object = blueprint.output_object(port).or_else(|| blueprint.input_object(port))?;
+        let input = || {
+            let blueprint = blueprints.iter().find(|blueprint| blueprint.name() == monitor.port.slot)?;
+            blueprint.input_object(&monitor.port.port)
+        };
+        let object = helpers::object(plan, blueprints, &monitor.port).or_else(input)?;
         compile(monitor, object).err().map(|reason| at(&monitor.location, &reason))
     };
-    monitors.iter().filter_map(wrong).collect()
+    plan.monitors.iter().filter_map(wrong).collect()
 }
 
 impl Monitors {

@@ -118,7 +118,8 @@ fn prepare(
     let build = || {
         let helpers = helpers::build(&system.helpers, plan, &slots, &system.faults)?;
         let wiring = wiring::build(&old_plan.connections, &plan.connections, &slots, &helpers)?;
-        Ok((wiring, helpers, monitors::build(&system.monitors, plan, &slots)?))
+        let monitors = monitors::build(&system.monitors, plan, &slots, &helpers)?;
+        Ok((wiring, helpers, monitors))
     };
     let built = result.map_err(|reason: String| vec![reason]).and_then(|()| build());
     match built {
@@ -167,7 +168,7 @@ fn commit(system: &mut System, prepared: Prepared, changes: &Changes) -> Vec<Str
     boot::rank(&slots, &helpers::flow(&system.plan));
     (system.slots, system.helpers) = (slots, helpers);
     let is_new = |slot: &str| changes.added.iter().chain(&changes.changed).any(|name| name == slot);
-    if let Err(reason) = boot::start(&system.plan, &system.slots, is_new) {
+    if let Err(reason) = boot::start(&system.plan, &system.slots, &system.helpers, is_new) {
         tracing::error!("{reason}");
     }
     system.helpers.expect();

@@ -80,7 +80,7 @@ pub fn measure(shape: Shape, sched: &str, faults: usize) -> (Samples, Samples) {
     let journal = Journal::open(&profiles.path().join("journal.jsonl")).expect("it can be written");
     let (manager, sender) = manager::start(Arc::new(Mutex::new(journal))).expect("a thread");
     let system = boot(plan, &[plugin_dir()], sender).expect("the components come up");
-    manager.adopt(boot::cast(&system.plan, &system.slots));
+    manager.adopt(boot::cast(&system.plan, &system.slots, &system.helpers));
     let outlook = manager.outlook();
     let (mut own, mut raw) = (Samples::default(), Samples::default());
     let code = inject::code("crash.segv").expect("it can be provoked");

@@ -10,7 +10,7 @@ use framework_daemon::model::schedule::Schedule;
 use framework_daemon::model::symptom::{Severity, SeverityTable, Symptom};
 use framework_daemon::profile::plan::{
     ApplicationDependencyPlan, ComponentPlan, ConnectionPlan, Coverage, DependencyPlan, Execution, FaultRules,
-    Location, NeededPlan, Plan, PortKind, PortRef, SlotPlan, SystemPlan, Trigger,
+    Location, NeededPlan, Plan, PortKind, PortRef, SlotPlan, SystemPlan, Trigger, VotingMethod, VotingPlan,
 };
 
 use crate::sim::dice::Dice;
@@ -31,7 +31,17 @@ pub(super) struct Slot {
     pub(super) secondaries: usize,
 }
 
-/// A slot needs so many of these groups, each of which works while all in it do.
+/// A voter, whose number is that of the last slot and its own place: so many of its members must agree.
+pub(super) struct Voter {
+    /// Slots, and voters before it.
+    pub(super) members: Vec<usize>,
+    pub(super) require: usize,
+    pub(super) severity: Severity,
+    application: usize,
+    rank: u64,
+}
+
+/// A slot needs so many of these groups, each of which works while all in it do; a voter is a group of its own.
 pub(super) struct Need {
     pub(super) slot: usize,
     pub(super) on: Vec<Vec<usize>>,
@@ -48,9 +58,10 @@ pub(super) struct ApplicationNeed {
 /// The system.
 pub(super) struct Drawn {
     pub(super) slots: Vec<Slot>,
+    pub(super) voters: Vec<Voter>,
     pub(super) needs: Vec<Need>,
     pub(super) application_needs: Vec<ApplicationNeed>,
-    /// Writers and readers.
+    /// Writers, slots or voters, and readers.
     pub(super) links: Vec<(usize, usize)>,
 }
 
@@ -60,11 +71,16 @@ impl Drawn {
         let slots: Vec<Slot> = (0..count).map(|_| slot(dice, applications)).collect();
         // Who is needed has the lesser rank, so that there is no circle; ranks and numbers have nothing in common.
         let ranks: Vec<u64> = (0..count).map(|_| dice.any()).collect();
-        let needs = (0..dice.below(count + 2)).filter_map(|_| need(dice, &slots, &ranks)).collect();
+        let mut voters = Vec::new();
+        for _ in 0..dice.below(4) {
+            voters.extend(voter(dice, &slots, &ranks, &voters));
+        }
+        let needs = (0..dice.below(count + 2)).filter_map(|_| need(dice, &slots, &voters, &ranks)).collect();
         let application_needs =
             (0..dice.below(applications + 1)).filter_map(|_| application_need(dice, applications)).collect();
-        let links = (0..dice.below(count + 3)).map(|_| (dice.below(count), dice.below(count))).collect();
-        Self { slots, needs, application_needs, links }
+        let links = (0..dice.below(count + 3)).map(|_| (dice.below(count + voters.len()), dice.below(count)));
+        let links = links.collect();
+        Self { slots, voters, needs, application_needs, links }
     }
 
     pub(super) fn ladders(&self) -> Vec<Ladder> {
@@ -83,7 +99,7 @@ impl Drawn {
         let classes = [component(false), component(true)];
         let numbered = || self.slots.iter().enumerate();
         let group = |slots: &Vec<usize>| {
-            let slots: Vec<String> = slots.iter().map(|slot| name(*slot)).collect();
+            let slots: Vec<String> = slots.iter().map(|slot| self.name(*slot)).collect();
             NeededPlan { name: slots.join("+"), slots }
         };
         let dependency = |need: &Need| DependencyPlan {
@@ -107,13 +123,49 @@ impl Drawn {
             },
             applications: Vec::new(),
             slots: numbered().map(|(number, slot)| slot_plan(number, slot, &classes)).collect(),
-            connections: self.links.iter().map(connection).collect(),
+            connections: self.links.iter().map(|link| self.connection(link)).collect(),
             composites: Vec::new(),
             dependencies: self.needs.iter().map(dependency).collect(),
             order: Vec::new(),
             monitors: Vec::new(),
             reference_models: Vec::new(),
-            votings: Vec::new(),
+            votings: self.voters.iter().enumerate().map(|(place, voter)| self.voting(place, voter)).collect(),
+        }
+    }
+
+    /// The name of a slot or a voter.
+    fn name(&self, number: usize) -> String {
+        number.checked_sub(self.slots.len()).map_or_else(|| name(number), |place| format!("voter{place}"))
+    }
+
+    fn voting(&self, place: usize, voter: &Voter) -> VotingPlan {
+        VotingPlan {
+            name: Some(self.name(self.slots.len() + place)),
+            port: "p".to_owned(),
+            data_type: String::new(),
+            inputs: voter.members.iter().map(|member| self.end(*member)).collect(),
+            method: VotingMethod::Median,
+            tolerance: 0.0,
+            field: String::new(),
+            max_age: None,
+            require: voter.require,
+            severity: voter.severity,
+            location: Location::default(),
+        }
+    }
+
+    fn end(&self, number: usize) -> PortRef {
+        PortRef { slot: self.name(number), port: "p".to_owned() }
+    }
+
+    fn connection(&self, link: &(usize, usize)) -> ConnectionPlan {
+        ConnectionPlan {
+            kind: PortKind::Data,
+            source: self.end(link.0),
+            target: self.end(link.1),
+            validity: Vec::new(),
+            on_gone: None,
+            location: Location::default(),
         }
     }
 }
@@ -143,8 +195,27 @@ fn slot(dice: &Dice, applications: usize) -> Slot {
     }
 }
 
-fn need(dice: &Dice, slots: &[Slot], ranks: &[u64]) -> Option<Need> {
+/// Of slots and voters of one application; whoever is needed through it has a lesser rank.
+fn voter(dice: &Dice, slots: &[Slot], ranks: &[u64], before: &[Voter]) -> Option<Voter> {
+    let application = slots[dice.below(slots.len())].application;
+    let of_slots = (0..slots.len()).filter(|slot| slots[*slot].application == application);
+    let of_voters = (0..before.len()).filter(|place| before[*place].application == application);
+    let mut members: Vec<usize> = of_slots.chain(of_voters.map(|place| slots.len() + place)).collect();
+    members.retain(|_| !dice.once_in(3));
+    let rank = |member: &usize| match member.checked_sub(slots.len()) {
+        None => ranks[*member],
+        Some(place) => before[place].rank,
+    };
+    let rank = members.iter().map(rank).max()?;
+    let severities = [Severity::Ignore, Severity::Stop, Severity::Stop, Severity::Stop, Severity::Emergency];
+    let (require, severity) = (1 + dice.below(members.len()), severities[dice.below(severities.len())]);
+    Some(Voter { members, require, severity, application, rank })
+}
+
+fn need(dice: &Dice, slots: &[Slot], voters: &[Voter], ranks: &[u64]) -> Option<Need> {
     let slot = dice.below(slots.len());
+    let may_vote = |voter: &&Voter| voter.application == slots[slot].application && voter.rank < ranks[slot];
+    let votes = voters.iter().position(|voter| may_vote(&voter)).filter(|_| !dice.once_in(3));
     let may = |other: usize| slots[other].application == slots[slot].application && ranks[other] < ranks[slot];
     let others: Vec<usize> = (0..slots.len()).filter(|other| may(*other)).collect();
     if others.is_empty() {
@@ -156,6 +227,7 @@ fn need(dice: &Dice, slots: &[Slot], ranks: &[u64]) -> Option<Need> {
         group.sort_unstable();
         group.dedup();
     });
+    on.extend(votes.map(|place| vec![slots.len() + place]));
     let require = 1 + dice.below(on.len());
     Some(Need { slot, on, require })
 }
@@ -199,18 +271,6 @@ fn slot_plan(number: usize, slot: &Slot, classes: &[Arc<ComponentPlan>; 2]) -> S
         executor: None,
         node: None,
         rules: FaultRules { severity: slot.severity.clone(), coverage: slot.coverage, ..FaultRules::default() },
-        location: Location::default(),
-    }
-}
-
-fn connection(link: &(usize, usize)) -> ConnectionPlan {
-    let end = |slot: usize| PortRef { slot: name(slot), port: "p".to_owned() };
-    ConnectionPlan {
-        kind: PortKind::Data,
-        source: end(link.0),
-        target: end(link.1),
-        validity: Vec::new(),
-        on_gone: None,
         location: Location::default(),
     }
 }

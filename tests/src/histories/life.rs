@@ -2,17 +2,17 @@
 
 use framework_daemon::fault::decide::Wave;
 use framework_daemon::fault::diagnose::{Own, Recent};
-use framework_daemon::fault::graph::Graph;
+use framework_daemon::fault::graph::{Graph, Link};
 use framework_daemon::fault::order::Verb;
 use framework_daemon::fault::situation::Situation;
-use framework_daemon::model::chain::{self, Mark};
+use framework_daemon::model::chain::{self, Lapse, Mark};
 use framework_daemon::model::fault::Outcome;
 use framework_daemon::model::ladder::{Answer, Ladder};
-use framework_daemon::model::symptom::Symptom;
+use framework_daemon::model::symptom::{Severity, Symptom};
 use framework_daemon::profile::plan::Coverage;
 
 use super::Counts;
-use super::drawn::{Drawn, SYMPTOMS};
+use super::drawn::{Drawn, SYMPTOMS, Voter};
 use super::naive::{self, Past};
 use crate::sim::dice::Dice;
 
@@ -23,6 +23,7 @@ enum Event {
     Lost(usize),
     Order(Verb, usize, bool),
     Latched,
+    Vote(usize, bool),
     Stopped(usize),
     Started(usize),
     Failed(usize),
@@ -48,6 +49,12 @@ pub(super) struct Life {
     marks: Vec<Mark>,
     /// As the naive model has it.
     roots: Vec<Vec<u64>>,
+    /// Of which voters too few members agree, and for whom that means something the fault that told it.
+    short: Vec<bool>,
+    short_roots: Vec<Option<u64>>,
+    /// As the voters have them, and as the naive model has it: when too few agreed.
+    lapses: Vec<Lapse>,
+    lapsed: Vec<Vec<(u64, Option<u64>)>>,
     /// What was left to a root, and may still be there.
     left: Vec<(usize, Symptom)>,
     now_ns: u64,
@@ -80,8 +87,9 @@ impl Life {
         let drawn = Drawn::by(&dice);
         let own: Vec<naive::Own> =
             drawn.slots.iter().map(|slot| if slot.autostart { naive::Own::Wanted } else { naive::Own::Off }).collect();
-        let real = own.iter().map(|own| if *own == naive::Own::Wanted { Own::Wanted } else { Own::Off }).collect();
-        let count = own.len();
+        let real = own.iter().map(|own| if *own == naive::Own::Wanted { Own::Wanted } else { Own::Off });
+        let (count, voters) = (own.len(), drawn.voters.len());
+        let real = real.chain((0..voters).map(|_| Own::Wanted)).collect();
         Self {
             graph: drawn.graph(),
             situation: Situation::new(real, vec![false; count]),
@@ -95,6 +103,10 @@ impl Life {
             raised: vec![false; count],
             marks: vec![Mark::NONE; count],
             roots: vec![Vec::new(); count],
+            short: vec![false; voters],
+            short_roots: vec![None; voters],
+            lapses: vec![Lapse::default(); voters],
+            lapsed: vec![Vec::new(); voters],
             left: Vec::new(),
             now_ns: 1_000_000_000,
             sequence: 0,
@@ -118,7 +130,8 @@ impl Life {
             self.count("consequences that last");
             return self.fault(slot, symptom);
         }
-        match self.dice.below(10) {
+        match self.dice.below(12) {
+            10.. if !self.short.is_empty() => self.vote(self.dice.below(self.short.len())),
             0..5 if self.running[slot] => self.fault(slot, SYMPTOMS[self.dice.below(SYMPTOMS.len())]),
             0..5 => Ok(()),
             5 if self.latched.is_some() => self.clear(),
@@ -167,9 +180,11 @@ impl Life {
         let seen = if answered { self.marks[slot].seen(self.now_ns) } else { self.marks[slot] };
         let onset_ns = seen.onset_ns(self.now_ns);
         let waits = chain::may_wait(symptom, rules.severity.get(symptom), rules.coverage == Coverage::System);
-        let is_root = |other: &usize| self.marks[*other].root_until_ns(onset_ns).is_some();
+        let shows = |voter: &usize| self.lapses[*voter - self.own.len()].reaches(onset_ns);
+        let is_root =
+            |link: &Link| self.marks[link.slot].root_until_ns(onset_ns).is_some() && link.through.iter().all(shows);
         let is_left = waits && self.graph.chain(slot).iter().any(is_root);
-        let wanted = naive::is_left(&self.drawn, &self.roots, slot, symptom, self.now_ns);
+        let wanted = naive::is_left(&self.drawn, &self.roots, &self.lapsed, slot, symptom, self.now_ns);
         if is_left != wanted {
             return Err(format!(
                 "{symptom:?} of slot {slot} is left to another slot's fault: {is_left}, must: {wanted}"
@@ -183,6 +198,54 @@ impl Life {
             self.roots[slot].push(self.now_ns);
         }
         Ok(is_left)
+    }
+
+    /// Too few members of a voter agree, or enough again.
+    fn vote(&mut self, place: usize) -> Result<(), String> {
+        let is_short = !self.short[place];
+        self.events.push(Event::Vote(place, is_short));
+        self.short[place] = is_short;
+        let Voter { severity, .. } = self.drawn.voters[place];
+        if !is_short {
+            self.end_lapse(place);
+            self.count("voters that agree again");
+            self.situation.vote(self.own.len() + place, None);
+            return self.settle();
+        }
+        self.lapses[place] = self.lapses[place].begun(self.now_ns);
+        self.lapsed[place].push((self.now_ns, None));
+        if severity == Severity::Emergency {
+            self.latch();
+        }
+        self.sequence += 1;
+        let root = self.place(self.own.len() + place)?;
+        if severity == Severity::Ignore {
+            return self.judge();
+        }
+        self.count("voters that stop others");
+        self.short_roots[place] = Some(root);
+        self.situation.vote(self.own.len() + place, Some(root));
+        self.settle()
+    }
+
+    fn end_lapse(&mut self, place: usize) {
+        self.short_roots[place] = None;
+        self.lapses[place] = self.lapses[place].ended(self.now_ns);
+        self.lapsed[place].last_mut().into_iter().for_each(|lapse| lapse.1 = Some(self.now_ns));
+    }
+
+    /// The root of the newest fault, of a slot or a voter: an earlier one, or itself.
+    fn place(&mut self, number: usize) -> Result<u64, String> {
+        let root = self.recent.root_of(&self.graph, number, self.now_ns);
+        let wanted = naive::root_of(&self.drawn, &self.past, number, self.now_ns);
+        if root != wanted {
+            return Err(format!("the fault of {number} is told to be a consequence of {root:?}, not of {wanted:?}"));
+        }
+        self.count(if root.is_some() { "consequences" } else { "roots" });
+        let root = root.unwrap_or(self.sequence);
+        self.recent.remember(number, self.now_ns, root);
+        self.past.push(Past { slot: number, at_ns: self.now_ns, root });
+        Ok(root)
     }
 
     /// Never more resets in the window than the rules allow.
@@ -227,15 +290,7 @@ impl Life {
     fn tell(&mut self, slot: usize, symptom: Symptom, answer: Answer, outcome: Outcome) -> Result<(), String> {
         self.sequence += 1;
         self.events.push(Event::Fault(slot, symptom, outcome));
-        let root = self.recent.root_of(&self.graph, slot, self.now_ns);
-        let wanted = naive::root_of(&self.drawn, &self.past, slot, self.now_ns);
-        if root != wanted {
-            return Err(format!("the fault of slot {slot} is told to be a consequence of {root:?}, not of {wanted:?}"));
-        }
-        self.count(if root.is_some() { "consequences" } else { "roots" });
-        let root = root.unwrap_or(self.sequence);
-        self.recent.remember(slot, self.now_ns, root);
-        self.past.push(Past { slot, at_ns: self.now_ns, root });
+        let root = self.place(slot)?;
         if outcome == Outcome::Stopped {
             self.own[slot] = naive::Own::Failed(root);
             self.raised[slot] = answer == Answer::Emergency;
@@ -289,6 +344,14 @@ impl Life {
         self.events.push(Event::Order(Verb::Clear, 0, true));
         self.latched = None;
         self.situation.clear(&self.graph);
+        for place in 0..self.short.len() {
+            if self.short[place] && self.drawn.voters[place].severity == Severity::Emergency {
+                // As if their members could not work without the actuators.
+                self.short[place] = false;
+                self.end_lapse(place);
+                self.situation.vote(self.own.len() + place, None);
+            }
+        }
         for (number, slot) in self.drawn.slots.iter().enumerate() {
             if slot.is_actuator && matches!(self.own[number], naive::Own::Failed(_)) && self.raised[number] {
                 self.own[number] = naive::Own::Wanted;
@@ -326,6 +389,12 @@ impl Life {
         Err("it does not settle".to_owned())
     }
 
+    /// Of which voters too few agree, where their rule is to stop others.
+    fn stopping(&self) -> Vec<bool> {
+        let voters = self.short.iter().zip(&self.drawn.voters);
+        voters.map(|(is_short, voter)| *is_short && voter.severity != Severity::Ignore).collect()
+    }
+
     fn in_any_order(&self, mut wave: Wave) -> Wave {
         let first = self.dice.below(wave.len());
         wave.rotate_left(first);
@@ -344,7 +413,9 @@ impl Life {
                 }
                 let had = |life: &Self| -> Vec<bool> {
                     (0..life.own.len())
-                        .map(|other| life.running[other] && !naive::lacks(&life.drawn, &life.running, other))
+                        .map(|other| {
+                            life.running[other] && !naive::lacks(&life.drawn, &life.running, &life.stopping(), other)
+                        })
                         .collect()
                 };
                 let before = had(self);
@@ -368,7 +439,7 @@ impl Life {
                 if self.running[*slot] || matches!(self.own[*slot], naive::Own::Failed(_)) {
                     return Err(format!("slot {slot} is started where it runs, or has failed"));
                 }
-                if failed.is_empty() && naive::lacks(&self.drawn, &self.running, *slot) {
+                if failed.is_empty() && naive::lacks(&self.drawn, &self.running, &self.stopping(), *slot) {
                     return Err(format!("slot {slot} is started before what it needs"));
                 }
                 let fails = self.dice.once_in(12);
@@ -385,7 +456,7 @@ impl Life {
     /// Never a stopped one that could run, never a running one that could not, no actuator in an emergency; and whoever is
     /// held has a reason that exists.
     fn judge(&mut self) -> Result<(), String> {
-        let wanted = naive::runs(&self.drawn, &self.own, self.latched.is_some());
+        let wanted = naive::runs(&self.drawn, &self.own, &self.stopping(), self.latched.is_some());
         for (slot, wanted) in wanted.into_iter().enumerate() {
             if self.running[slot] != wanted || self.situation.runs(slot) != wanted {
                 return Err(format!("slot {slot} runs: {}, must: {}", self.running[slot], wanted));
@@ -396,7 +467,9 @@ impl Life {
                 return Err(format!("slot {slot} is held: {is_held}, but told: {reason:?}"));
             }
             if let Some(root) = reason.and_then(|reason| reason.root) {
-                let exists = self.own.contains(&naive::Own::Failed(root)) || self.latched == Some(root);
+                let exists = self.own.contains(&naive::Own::Failed(root))
+                    || self.latched == Some(root)
+                    || self.short_roots.contains(&Some(root));
                 if !exists {
                     return Err(format!("slot {slot} is held for fault {root}, which nobody has"));
                 }

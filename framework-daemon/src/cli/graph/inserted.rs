@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::model::schedule::Schedule;
+use crate::model::symptom::Severity;
 use crate::profile::plan::{
     ComponentPlan, ConnectionPlan, DataPortPlan, Execution, FaultRules, Location, Plan, PortKind, PortRef, Queue,
     SlotPlan, Trigger, Usage,
@@ -15,7 +16,12 @@ pub fn with_helpers(mut plan: Plan) -> Plan {
     for voting in plan.votings.clone() {
         let name = voting.name.clone().unwrap_or_else(|| format!("voting {}", plan.slots.len()));
         let method = format!("{:?}", voting.method).to_lowercase();
-        let mut helper = Helper::new(&plan, &name, format!("voter by {method}"), &voting.inputs, &voting.location);
+        let answer = match voting.severity {
+            Severity::Ignore => String::new(),
+            severity => format!(", too few: {}", severity.name()),
+        };
+        let mut helper =
+            Helper::new(&plan, &name, format!("voter by {method}{answer}"), &voting.inputs, &voting.location);
         helper.hear(&voting.inputs, &voting.data_type);
         if voting.name.is_some() {
             helper.port(&voting.port, Usage::Output, &voting.data_type);

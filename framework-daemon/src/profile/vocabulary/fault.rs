@@ -163,9 +163,10 @@ pub static REFERENCE_MODEL: ElementRule = ElementRule::attributed(
 );
 
 /// Votes over redundant outputs.
-pub static VOTING: ElementRule = ElementRule::attributed(
-    "voting",
-    &[
+pub static VOTING: ElementRule = ElementRule {
+    name: "voting",
+    about: "Helper component that votes over redundant outputs.",
+    attributes: &[
         optional("name", Kind::Name, "Slot that others connect to for the winner's objects; none: it is only watched."),
         required("inputs", Kind::Names, "Redundant slots or outputs (slot.port), separated by blanks; three or more."),
         optional("method", Kind::OneOf(&["median", "majority", "weighted"]), "How; default median."),
@@ -182,8 +183,9 @@ pub static VOTING: ElementRule = ElementRule::attributed(
             "How many must agree, or nothing is handed on; default: more than half.",
         ),
     ],
-    "Helper component that votes over redundant outputs.",
-);
+    children: &[(Optional, &SEVERITY)],
+    content: Content::Elements,
+};
 
 /// Slots that get the emergency stop.
 pub static EMERGENCY: ElementRule = ElementRule::parent(

@@ -1,0 +1,261 @@
+//! A voter whose members do not agree: its own rule answers, whoever depends on it stops, and returns when enough agree again.
+
+use serde_json::Value;
+use tempfile::TempDir;
+use tests::asking::{ask, check, graph};
+use tests::profiles::{Profiles, application, plugin_dir, slot};
+use tests::running::Running;
+
+const SONARS: [&str; 3] = ["left", "middle", "right"];
+
+/// Three sonars that measure as these scripts say, with rules of their own, a voter called `sonar`, and whatever else.
+fn robot(scripts: [&str; 3], rules: &str, voting: &str, slots: &[String], connections: &[&str]) -> Profiles {
+    let sonar = |(name, script): (&str, &str)| {
+        let properties =
+            format!("<properties><property name=\"script\" type=\"std::string\">{script}</property></properties>");
+        slot(name, "Wave", &(properties + rules))
+    };
+    let mut all: Vec<String> = SONARS.into_iter().zip(scripts).map(sonar).collect();
+    all.extend(slots.iter().cloned());
+    let profiles = Profiles::new(&application(&all, connections));
+    for plugin in ["libsignals.so", "libhostile.so"] {
+        profiles.describe(&plugin_dir().join(plugin));
+    }
+    let voting = format!(
+        "<voting name=\"sonar\" inputs=\"left middle right\" field=\"distance\" tolerance=\"5\" {voting}</voting>\n\
+         </application_profile>"
+    );
+    profiles.replace("app.xml", "</application_profile>", &voting);
+    profiles
+}
+
+fn needs(profiles: &Profiles, component: &str, on: &str) {
+    let text = format!("<dependency component=\"{component}\" on=\"{on}\"/>\n</application_profile>");
+    profiles.replace("app.xml", "</application_profile>", &text);
+}
+
+fn of(daemon: &Running, kind: &str, slot: &str) -> Vec<Value> {
+    daemon.entries(kind).into_iter().filter(|entry| entry["slot"] == slot).collect()
+}
+
+/// State and reason of a slot.
+fn state(daemon: &Running, slot: &str) -> (String, Option<String>) {
+    let status = ask(daemon, "status --format json").json().remove(0);
+    let found = status["slots"].as_array().unwrap().iter().find(|each| each["slot"] == slot).cloned().unwrap();
+    (found["state"].as_str().unwrap().to_owned(), found["reason"].as_str().map(str::to_owned))
+}
+
+fn voter(daemon: &Running) -> Value {
+    ask(daemon, "status --format json").json().remove(0)["helpers"][0].clone()
+}
+
+#[test]
+fn who_depends_on_a_voter_stops_where_too_few_agree_and_returns_in_order() {
+    let slots = [slot("reader", "Witness", ""), slot("follower", "Witness", ""), slot("idle", "Witness", "")];
+    let scripts = ["7", "7x100 40x400 7", "7x100 90x400 7"];
+    let profiles = robot(scripts, "", "><severity>stop</severity>", &slots, &[]);
+    needs(&profiles, "reader", "sonar");
+    needs(&profiles, "follower", "reader");
+    let picture = graph(profiles.path(), "dot").out;
+    assert!(picture.contains("voter by median, too few: stop"), "{picture}");
+    let daemon = Running::start(profiles.path(), &[]);
+    let held = daemon.journal("held", 2);
+    let lost = of(&daemon, "fault", "sonar").remove(0);
+    let words = ["symptom", "action", "outcome"].map(|name| lost[name].as_str().unwrap_or("-"));
+    assert_eq!(words, ["vote", "stop", "stopped"], "{lost}");
+    assert_eq!(lost["diagnosis"]["severity"], "stop");
+    daemon.wait_for(
+        "voter sonar: vote: sonar.out, field distance: 1 of 3 agree, 2 must; whoever depends on it is stopped",
+    );
+    for (line, slot, reason) in [(&held[0], "reader", "needs sonar"), (&held[1], "follower", "needs reader")] {
+        assert_eq!((line["slot"].as_str(), line["reason"].as_str()), (Some(slot), Some(reason)));
+        assert_eq!(line["root"], lost["seq"]);
+    }
+    let returned = daemon.journal("returned", 2);
+    assert_eq!((returned[0]["slot"].as_str(), returned[1]["slot"].as_str()), (Some("reader"), Some("follower")));
+    assert_eq!((of(&daemon, "fault", "sonar").len(), of(&daemon, "healed", "sonar").len()), (1, 1));
+    assert!(daemon.entries("held").iter().all(|line| line["slot"] != "idle"));
+    // Those who cannot vote at all are not waited for.
+    for slot in ["left", "middle"] {
+        assert_eq!(ask(&daemon, &format!("component stop {slot}")).code, Some(0));
+    }
+    assert_eq!(state(&daemon, "reader"), ("inactive".to_owned(), Some("needs sonar".to_owned())));
+    daemon.until("that is told as well", || of(&daemon, "fault", "sonar").len() == 2);
+    assert_eq!(
+        (voter(&daemon)["severity"].as_str(), voter(&daemon)["falls_short"].as_bool()),
+        (Some("stop"), Some(true))
+    );
+    assert!(ask(&daemon, "status").out.contains("TOO FEW AGREE"));
+    assert_eq!(ask(&daemon, "component start left").code, Some(0));
+    daemon.until("two agree again", || state(&daemon, "follower").0 == "active");
+    assert_eq!(voter(&daemon)["falls_short"], false);
+}
+
+#[test]
+fn a_voter_without_a_severity_stops_nobody() {
+    let slots = [slot("reader", "Witness", "")];
+    let profiles = robot(["7", "7x60 40", "7x60 90"], "", ">", &slots, &[]);
+    let mut daemon = Running::start(profiles.path(), &[]);
+    daemon.until("too few agree", || !of(&daemon, "fault", "sonar").is_empty());
+    assert_eq!(of(&daemon, "fault", "sonar")[0]["outcome"], "ignored");
+    assert_eq!(state(&daemon, "reader").0, "active");
+    daemon.stop();
+    assert_eq!(daemon.entries("held").len(), 0);
+}
+
+/// The same, with brakes that write to lines of their own, and depend on the voter by nothing.
+fn with_brakes(scripts: [&str; 3], place: &TempDir) -> Profiles {
+    let brake = |name: &str| {
+        let path = place.path().join(name).display().to_string();
+        slot(
+            name,
+            "Brake",
+            &format!("<properties><property name=\"line\" type=\"string\">{path}</property></properties>"),
+        )
+    };
+    let slots = [brake("wheels"), brake("arm")];
+    let profiles = robot(scripts, "", "max_age=\"300ms\"><severity symptom=\"vote\">emergency</severity>", &slots, &[]);
+    profiles.write(
+        "system.xml",
+        "<system_profile><name>robot</name><emergency><actuator component=\"wheels\"/><actuator component=\"arm\"/>\
+         </emergency></system_profile>",
+    );
+    profiles
+}
+
+fn line(place: &TempDir, name: &str) -> Vec<String> {
+    let text = std::fs::read_to_string(place.path().join(name)).unwrap_or_default();
+    text.lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn where_the_rule_is_the_emergency_stop_that_stays_until_enough_agree() {
+    let place = TempDir::new().unwrap();
+    let profiles = with_brakes(["7"; 3], &place);
+    let daemon = Running::start(profiles.path(), &[]);
+    daemon.until("the wheels turn", || line(&place, "wheels").last().is_some_and(|text| text == "drive"));
+    for slot in ["left", "middle"] {
+        assert_eq!(ask(&daemon, &format!("component stop {slot}")).code, Some(0));
+    }
+    daemon.until("three lines of the emergency stop", || daemon.entries("emergency").len() >= 3);
+    let raised = daemon.entries("emergency").remove(0);
+    let lost = of(&daemon, "fault", "sonar").remove(0);
+    assert_eq!((raised["slot"].as_str(), raised["outputs"].as_u64()), (Some("sonar"), Some(2)), "{raised}");
+    assert_eq!((&raised["root"], lost["action"].as_str()), (&lost["seq"], Some("emergency")));
+    for name in ["wheels", "arm"] {
+        let written = line(&place, name);
+        let first = written.iter().position(|text| text == "stop").unwrap();
+        assert!(first < written.iter().position(|text| text == "ease").unwrap(), "outputs first: {written:?}");
+        assert_eq!(written.last().map(String::as_str), Some("stop"));
+    }
+    // Whoever looks sees to the sonars first; nothing else is started.
+    let refused = ask(&daemon, "fault clear");
+    assert_eq!(refused.code, Some(6), "{refused:?}");
+    assert!(refused.err.contains("too few members of the voter `sonar` agree"), "{refused:?}");
+    assert_eq!(ask(&daemon, "component start wheels").code, Some(7));
+    assert_eq!(ask(&daemon, "component start left").out, "left: active\n");
+    daemon.until("two agree again", || !of(&daemon, "healed", "sonar").is_empty());
+    assert_eq!(line(&place, "wheels").last().map(String::as_str), Some("stop"), "an operator clears it");
+    let cleared = ask(&daemon, "fault clear");
+    assert!(cleared.out.starts_with("the emergency stop for vote of sonar"), "{cleared:?}");
+    assert!(cleared.out.ends_with("is cleared\nwheels: active\narm: active\n"), "{cleared:?}");
+    daemon.until("the wheels turn again", || line(&place, "wheels").last().is_some_and(|text| text == "drive"));
+    assert_eq!(of(&daemon, "fault", "sonar").len(), 1);
+}
+
+#[test]
+fn a_disagreement_is_found_in_a_members_callback_and_stops_the_robot_as_well() {
+    let place = TempDir::new().unwrap();
+    let profiles = with_brakes(["7", "7x60 40", "7x60 90"], &place);
+    let daemon = Running::start(profiles.path(), &[]);
+    daemon.until("three lines of the emergency stop", || daemon.entries("emergency").len() >= 3);
+    assert_eq!(daemon.entries("emergency").remove(0)["slot"], "sonar");
+    assert!(ask(&daemon, "status").out.starts_with("EMERGENCY STOP latched"));
+    for name in ["wheels", "arm"] {
+        daemon.until("the brakes hold", || line(&place, name).last().is_some_and(|text| text == "stop"));
+    }
+    assert_eq!(ask(&daemon, "fault clear").code, Some(6), "they never agree again");
+}
+
+#[test]
+fn where_the_members_cannot_work_without_the_actuators_it_is_taken_back_and_raised_anew() {
+    let place = TempDir::new().unwrap();
+    let profiles = with_brakes(["7", "7x100 40x60 ...", "7x100 90x60 ..."], &place);
+    for sonar in SONARS {
+        needs(&profiles, sonar, "wheels");
+    }
+    let daemon = Running::start(profiles.path(), &[]);
+    daemon.until("the emergency stop", || daemon.entries("emergency").len() >= 3);
+    daemon.until("the sonars wait for the wheels", || state(&daemon, "left").1.as_deref() == Some("needs wheels"));
+    let cleared = ask(&daemon, "fault clear");
+    assert!(cleared.out.starts_with("the emergency stop for vote of sonar"), "{cleared:?}");
+    assert!(cleared.out.ends_with("is cleared\nwheels: active\narm: active\n"), "{cleared:?}");
+    // The sonars begin anew, agree for a while, and then they do not.
+    daemon.until("it is raised again", || of(&daemon, "fault", "sonar").len() >= 2);
+}
+
+/// A filter behind the voter, whose silence and errors are answered by a reset, and an ear at it.
+fn filtered(crash: &str, age: &str, properties: &str) -> Profiles {
+    let rules =
+        ["stale", "validity"].map(|symptom| format!("<severity symptom=\"{symptom}\">reset</severity>")).concat();
+    let filter = format!("<properties>{properties}</properties><fault_tolerance>{rules}</fault_tolerance>");
+    let slots = [slot("filter", "Amplifier", &filter), slot("ear", "Ear", "")];
+    let profiles = robot(["7"; 3], crash, ">", &slots, &["sonar.out -> filter.heard", "filter.said -> ear.heard"]);
+    let checked =
+        "<usage>input</usage><validity field=\"distance\"><max>9</max><on_invalid>pass</on_invalid></validity>";
+    profiles.replace("Ear.xml", "<usage>input</usage>", &format!("{checked}{age}"));
+    profiles
+}
+
+#[test]
+fn what_lies_behind_a_voter_waits_for_the_root_beyond_it_where_too_few_agree() {
+    let profiles = filtered("", "<max_age>100ms</max_age>", "");
+    let faults = ["--inject", "middle:crash.segv@0.4", "--inject", "right:crash.segv@0.4"];
+    let daemon = Running::start(profiles.path(), &faults);
+    daemon.until("the filter is silent", || !of(&daemon, "fault", "filter").is_empty());
+    let (silent, lost) = (of(&daemon, "fault", "filter").remove(0), of(&daemon, "fault", "sonar").remove(0));
+    let roots = ["middle", "right"].map(|slot| of(&daemon, "fault", slot).remove(0));
+    assert_eq!(
+        (silent["symptom"].as_str(), silent["outcome"].as_str()),
+        (Some("stale"), Some("consequence")),
+        "{silent}"
+    );
+    let root = roots.iter().find(|root| root["slot"] == silent["diagnosis"]["left_to"]).expect("one of the two");
+    assert_eq!(silent["diagnosis"]["consequence_of"], root["seq"]);
+    assert!(roots.iter().any(|root| root["seq"] == lost["diagnosis"]["consequence_of"]), "{lost}");
+    // They stay dead: what outlives the window is the filter's own.
+    daemon
+        .until("the filter is reset", || of(&daemon, "fault", "filter").iter().any(|fault| fault["action"] == "reset"));
+}
+
+#[test]
+fn one_that_is_outvoted_or_dies_excuses_nobody_behind_the_voter() {
+    // From then on the filter multiplies by nine by itself, a moment after the left one died, whom nobody misses.
+    let broken = "<property name=\"after\">101</property><property name=\"then\">9</property>";
+    let crash = "<fault_tolerance><severity symptom=\"crash\">reset</severity></fault_tolerance>";
+    let profiles = filtered(crash, "", broken);
+    let daemon = Running::start(profiles.path(), &["--inject", "left:crash.segv@0.35"]);
+    daemon.until("the filter errs", || !of(&daemon, "fault", "filter").is_empty());
+    let fault = of(&daemon, "fault", "filter").remove(0);
+    assert_eq!((fault["symptom"].as_str(), fault["action"].as_str()), (Some("validity"), Some("reset")), "{fault}");
+    assert!(fault["diagnosis"]["left_to"].is_null() && fault["diagnosis"]["consequence_of"].is_null(), "{fault}");
+    daemon.until("left is reset", || !of(&daemon, "fault", "left").is_empty());
+}
+
+#[test]
+fn a_monitor_watches_what_a_voter_hands_on() {
+    let slots = [slot("ear", "Ear", "")];
+    let profiles = robot(["7x60 400"; 3], "", ">", &slots, &["sonar.out -> ear.heard"]);
+    let monitor =
+        "<monitor component=\"sonar\" port=\"out\"><validity field=\"distance\"><max>300</max></validity></monitor>\n";
+    profiles.replace("app.xml", "<voting", &format!("{monitor}<voting"));
+    assert_eq!(check(profiles.path()).code, Some(0));
+    let daemon = Running::start(profiles.path(), &[]);
+    // Where they leap one may do so a moment later than the others, and be outvoted.
+    let found = || daemon.entries("fault").into_iter().find(|fault| fault["symptom"] == "validity");
+    daemon.until("the monitor finds it", || found().is_some());
+    let fault = found().unwrap();
+    assert_eq!((fault["outcome"].as_str(), &fault["evidence"]["value"]), (Some("ignored"), &serde_json::json!(400.0)));
+    assert!(SONARS.contains(&fault["slot"].as_str().unwrap()), "the winner's: {fault}");
+    daemon.wait_for_lines("distance 400", 5);
+}

@@ -30,12 +30,12 @@ pub fn draw(plan: &Plan) -> String {
     out
 }
 
-/// Who stops when others do: an edge from each slot that it needs.
+/// Who stops when others do: an edge to each slot that it needs, as its label reads.
 fn needs(dependency: &DependencyPlan) -> String {
     let label = quoted(&needed(dependency));
     let style = format!("color=\"#a02020\", style=dotted, constraint=false, arrowhead=empty, label={label}");
     let slots = dependency.on.iter().flat_map(|needed| &needed.slots);
-    slots.map(|slot| format!("  {} -> {} [{style}];\n", quoted(slot), quoted(&dependency.slot))).collect()
+    slots.map(|slot| format!("  {} -> {} [{style}];\n", quoted(&dependency.slot), quoted(slot))).collect()
 }
 
 /// A monitor, and the port that it watches.

@@ -31,7 +31,7 @@ pub fn with_helpers(mut plan: Plan) -> Plan {
     for model in plan.reference_models.clone() {
         let PortRef { slot, port } = &model.target;
         let field = if model.field.is_empty() { String::new() } else { format!(" {}", model.field) };
-        let name = format!("model of {slot}.{port}{field}");
+        let name = free_name(&plan, format!("model of {slot}.{port}{field}"));
         let class = format!("comparison over {}", format_duration(model.window));
         let heard = [model.target.clone(), model.model.clone()];
         let mut helper = Helper::new(&plan, &name, class, &heard, &model.location);
@@ -39,6 +39,13 @@ pub fn with_helpers(mut plan: Plan) -> Plan {
         helper.add_to(&mut plan);
     }
     plan
+}
+
+/// The name, with a number where a box has it already: one pair may be compared over several windows.
+fn free_name(plan: &Plan, name: String) -> String {
+    let is_free = |name: &String| !plan.slots.iter().any(|slot| slot.name == *name);
+    let numbered = (2..).map(|number| format!("{name} ({number})"));
+    std::iter::once(name.clone()).chain(numbered).find(is_free).unwrap_or(name)
 }
 
 /// A box and its connections.

@@ -30,12 +30,12 @@ pub fn draw(plan: &Plan) -> String {
     out
 }
 
-/// Who stops when others do: an edge from each slot that it needs.
+/// Who stops when others do: an edge to each slot that it needs, as its label reads.
 fn needs(plan: &Plan, dependency: &DependencyPlan) -> String {
     let id = |name: &str| plan.slots.iter().position(|slot| slot.name == name).unwrap_or_default();
     let label = escaped(&needed(dependency));
     let slots = dependency.on.iter().flat_map(|needed| &needed.slots);
-    slots.map(|slot| format!("  s{} -.->|\"{label}\"| s{}\n", id(slot), id(&dependency.slot))).collect()
+    slots.map(|slot| format!("  s{} -.->|\"{label}\"| s{}\n", id(&dependency.slot), id(slot))).collect()
 }
 
 /// A monitor, and the port that it watches.

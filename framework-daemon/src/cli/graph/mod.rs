@@ -19,7 +19,7 @@ pub mod svg;
 
 use super::exit_code::Exit;
 use crate::profile;
-use crate::profile::plan::{DependencyPlan, Limit, MonitorPlan, Validity};
+use crate::profile::plan::{DependencyPlan, Limit, MonitorPlan, Plan, Validity};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon graph profiles/navigation --as svg > navigation.svg\n  \
      framework-daemon graph profiles/navigation --as dot | dot -Tpdf > navigation.pdf";
@@ -76,13 +76,27 @@ fn needed(dependency: &DependencyPlan) -> String {
     }
 }
 
+/// What the picture shows, counted: the slots and connections of the profiles, and what the framework inserts.
+fn heading(plan: &Plan) -> String {
+    let plural = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
+    let helpers =
+        [(plan.votings.len(), "voter"), (plan.reference_models.len(), "comparison"), (plan.monitors.len(), "monitor")];
+    let mut parts = vec![plural(plan.slots.len(), "slot"), plural(plan.connections.len(), "connection")];
+    parts.extend(helpers.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| plural(count, what)));
+    format!("{}: {}", plan.applications.join(", "), parts.join(", "))
+}
+
 /// Draws a directory that is accepted.
 ///
 /// # Errors
 /// Only those of writing.
 pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
-    let plan = match profile::load(&arguments.dir) {
-        Ok(loaded) => inserted::with_helpers(manager::shown(loaded.plan)),
+    let (plan, heading) = match profile::load(&arguments.dir) {
+        Ok(loaded) => {
+            // Before the boxes of what the framework inserts are among the slots.
+            let heading = heading(&loaded.plan);
+            (inserted::with_helpers(manager::shown(loaded.plan)), heading)
+        }
         Err(diagnostics) => {
             for finding in diagnostics.iter().filter(|finding| finding.is_error()) {
                 writeln!(io::stderr(), "{finding}")?;
@@ -93,7 +107,7 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     let text = match arguments.output {
         Output::Dot => dot::draw(&plan),
         Output::Mermaid => mermaid::draw(&plan),
-        Output::Svg => svg::draw(&plan),
+        Output::Svg => svg::draw(&plan, &heading),
     };
     out.write_all(text.as_bytes())?;
     Ok(Exit::Done)

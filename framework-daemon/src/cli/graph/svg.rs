@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::layout::{Drawing, Line, Node, Pin, Point, ROW, TITLE, layout, subtitle, text_width};
 use super::{monitored, needed, range};
-use crate::profile::plan::{ConnectionPlan, DependencyPlan, Plan, PortKind, SlotPlan};
+use crate::profile::plan::{ConnectionPlan, Plan, PortKind, SlotPlan};
 
 const STYLE: &str = "<style>\
     text{font-family:'DejaVu Sans','Helvetica Neue',Arial,sans-serif;fill:#1b2430}\
@@ -16,9 +16,9 @@ const STYLE: &str = "<style>\
     .pdata{fill:#1f5fa8}.pevent{fill:#b35c00}.pservice{fill:#2a7d3f}\
     </style>";
 
-/// The picture.
+/// The picture, with a heading.
 #[must_use]
-pub fn draw(plan: &Plan) -> String {
+pub fn draw(plan: &Plan, heading: &str) -> String {
     let drawing = layout(plan);
     let mut out = String::new();
     let (width, height) = (drawing.width.ceil(), drawing.height.ceil());
@@ -28,12 +28,12 @@ pub fn draw(plan: &Plan) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\">"
     );
     let _ = writeln!(out, "{STYLE}\n<rect width=\"{width}\" height=\"{height}\" fill=\"#ffffff\"/>");
-    let _ = writeln!(out, "<text class=\"heading\" x=\"28\" y=\"38\">{}</text>", escaped(&heading(plan)));
+    let _ = writeln!(out, "<text class=\"heading\" x=\"28\" y=\"38\">{}</text>", escaped(heading));
     for (connection, line) in plan.connections.iter().zip(&drawing.lines) {
         draw_line(connection, line, &mut out);
     }
-    for dependency in &plan.dependencies {
-        needs(plan, &drawing, dependency, &mut out);
+    for number in 0..plan.dependencies.len() {
+        needs(plan, &drawing, number, &mut out);
     }
     for (slot, node) in plan.slots.iter().zip(&drawing.nodes) {
         slot_box(slot, node, plan.applications.len() > 1, &mut out);
@@ -42,12 +42,6 @@ pub fn draw(plan: &Plan) -> String {
     legend(height - 18.0, !plan.dependencies.is_empty(), &mut out);
     out.push_str("</svg>\n");
     out
-}
-
-fn heading(plan: &Plan) -> String {
-    let plural = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
-    let names = plan.applications.join(", ");
-    format!("{names}: {}, {}", plural(plan.slots.len(), "slot"), plural(plan.connections.len(), "connection"))
 }
 
 fn slot_box(slot: &SlotPlan, node: &Node, several: bool, out: &mut String) {
@@ -119,24 +113,45 @@ fn draw_line(connection: &ConnectionPlan, line: &Line, out: &mut String) {
     let _ = writeln!(out, "<path class=\"line {class}\" d=\"{path}\"/>{}", arrow(class, *tip));
 }
 
-/// Who stops when others do: a dotted line to it from each slot that it needs, from top to top over what lies between, and how
-/// many of them it needs beside where they arrive.
-fn needs(plan: &Plan, drawing: &Drawing, dependency: &DependencyPlan, out: &mut String) {
+/// Who stops when others do: a dotted arrow from it to each slot that it needs, from top to top over what lies between, and how
+/// many of them it needs beside where they leave it.
+fn needs(plan: &Plan, drawing: &Drawing, number: usize, out: &mut String) {
     let node = |name: &str| {
         let slot = plan.slots.iter().position(|slot| slot.name == name);
         slot.and_then(|slot| drawing.nodes.get(slot))
     };
+    let Some(dependency) = plan.dependencies.get(number) else { return };
     let Some(dependent) = node(&dependency.slot) else { return };
     // Beside the middle, where the data's own lines do not arrive either.
-    let tip = Point { x: dependent.at.x + dependent.width * 0.35, y: dependent.at.y };
+    let from = Point { x: dependent.at.x + dependent.width * 0.35, y: dependent.at.y };
+    let (mut above, mut aside) = (false, false);
     for needed in dependency.on.iter().flat_map(|needed| &needed.slots).filter_map(|name| node(name)) {
-        let from = Point { x: needed.at.x + needed.width * 0.65, y: needed.at.y };
-        let path = if (from.x - tip.x).abs() < SAME_COLUMN { beside(needed, dependent) } else { over(from, tip) };
-        let _ = writeln!(out, "<path class=\"line needs\" d=\"{path}\"/>");
+        let tip = Point { x: needed.at.x + needed.width * 0.65, y: needed.at.y };
+        let same_column = (from.x - tip.x).abs() < SAME_COLUMN;
+        let path = if same_column { beside(dependent, needed, tip) } else { over(from, tip) };
+        (above, aside) = (above || !same_column, aside || same_column);
+        let Point { x, y } = tip;
+        let _ = writeln!(
+            out,
+            "<path class=\"line needs\" d=\"{path}\"/><path class=\"pneeds\" d=\"M{x:.1} {:.1}l-4.5 -9h9z\"/>",
+            y - 1.0
+        );
     }
-    let Point { x, y } = tip;
-    let _ = writeln!(out, "<path class=\"pneeds\" d=\"M{x:.1} {:.1}l-4.5 -9h9z\"/>", y - 1.0);
-    label(Point { x: x + 9.0, y: y - 7.0 }, "start", &needed(dependency), out);
+    // One below the other, where a slot has several dependencies.
+    let earlier = plan.dependencies.iter().take(number).filter(|other| other.slot == dependency.slot).count();
+    let row = 12.0 * earlier as f64;
+    if above {
+        label(Point { x: from.x + 5.0, y: from.y - 6.0 - row }, "start", &needed(dependency), out);
+    }
+    if aside {
+        let right = dependent.at.x + dependent.width;
+        label(
+            Point { x: right + 4.0, y: dependent.at.y + TITLE / 2.0 + 14.0 + row },
+            "start",
+            &needed(dependency),
+            out,
+        );
+    }
 }
 
 /// Boxes that are less apart lie one above the other.
@@ -152,17 +167,18 @@ fn over(from: Point, to: Point) -> String {
 /// Where the heading ends.
 const HEADING_BOTTOM: f64 = 48.0;
 
-/// Along the right side of boxes that lie one above the other, and around into the top of the one that needs the other.
-fn beside(needed: &Node, dependent: &Node) -> String {
+/// Along the right side of boxes that lie one above the other, and around into the top of the one that is needed.
+fn beside(dependent: &Node, needed: &Node, tip: Point) -> String {
     let right = |node: &Node| node.at.x + node.width;
     let out = right(needed).max(right(dependent)) + 26.0;
-    let (tip_x, tip_y) = (dependent.at.x + dependent.width * 0.35, dependent.at.y);
-    let (from_x, from_y) = (right(needed), needed.at.y + TITLE / 2.0);
-    let above = tip_y - 22.0;
+    let (from_x, from_y) = (right(dependent), dependent.at.y + TITLE / 2.0);
+    let above = tip.y - 22.0;
     format!(
-        "M{from_x:.1} {from_y:.1}C{out:.1} {from_y:.1} {out:.1} {above:.1} {:.1} {above:.1}Q{tip_x:.1} {above:.1} {tip_x:.1} {:.1}",
-        right(dependent),
-        tip_y - 9.0
+        "M{from_x:.1} {from_y:.1}C{out:.1} {from_y:.1} {out:.1} {above:.1} {:.1} {above:.1}Q{:.1} {above:.1} {:.1} {:.1}",
+        right(needed),
+        tip.x,
+        tip.x,
+        tip.y - 9.0
     )
 }
 

@@ -23,13 +23,15 @@ use crate::profile::quantity;
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon describe target/release/libavoidance_primary.so\n  \
      framework-daemon describe --format json libcamera.so\n  \
-     framework-daemon describe --into profiles/new libcamera.so";
+     framework-daemon describe --into profiles/new libcamera.so\n\n\
+     A file that is there already is not overwritten.\n\n\
+     Exit codes: 0 described, 1 a file cannot be written, 4 the plugin is refused.";
 
 /// Arguments of `describe`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Plugin.
+    /// Plugin: a shared library that exports component classes.
     #[arg(value_name = "PLUGIN.so")]
     pub plugin: PathBuf,
     /// text: component profiles and data types as XML; json: one object a class.

@@ -7,6 +7,9 @@ use clap::CommandFactory;
 use super::Cli;
 use super::exit_code::Exit;
 
+pub(super) const EXAMPLES: &str = "Examples:\n  framework-daemon man | man -l -\n  \
+     framework-daemon man > /usr/local/share/man/man1/framework-daemon.1";
+
 /// Prints the manual page: the program, then each verb.
 ///
 /// # Errors

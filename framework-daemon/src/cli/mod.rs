@@ -44,7 +44,11 @@ pub mod status;
 
 use exit_code::Exit;
 
-const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 profile invalid, 4 plugin refused, \
+const EXIT_CODES: &str = "Examples:\n  framework-daemon check profiles/navigation\n  \
+     framework-daemon run profiles/navigation --plugins target/release\n  \
+     framework-daemon status\n\n\
+     `framework-daemon help VERB` tells more, with examples.\n\n\
+     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 profile invalid, 4 plugin refused, \
      5 daemon not reachable, 6 refused by the daemon, 7 emergency latched.";
 
 /// Runs a robot's components from XML profiles and keeps it working when they fail.
@@ -65,27 +69,28 @@ pub enum Verb {
     Check(check::Arguments),
     /// Print the component profiles that a plugin's own metadata gives.
     Describe(describe::Arguments),
-    /// Draw the slots and connections of a profile directory.
+    /// Draw the slots of a profile directory, what connects them, and what watches them.
     Graph(graph::Arguments),
     /// Print the XSD of a kind of profile.
     Schema(schema::Arguments),
     /// Tell how all slots of a running daemon are.
     Status(status::Arguments),
-    /// Show the components of a running daemon.
+    /// Show the components of a running daemon; start, stop and reset them.
     Component(component::Arguments),
-    /// Show the ports of a running daemon, and measure their rates.
+    /// Show the ports of a running daemon, the values that pass them and their rates.
     Port(port::Arguments),
     /// Connect two ports of a running daemon.
     Connect(connect::Connect),
     /// Cut the connections of a port of a running daemon.
     Disconnect(connect::Disconnect),
-    /// Show what failed in a running daemon, and what was done about it.
+    /// Show what failed in a running daemon, and what was done about it; take back the emergency stop.
     Fault(fault::Arguments),
     /// Have a running daemon read its profiles again, all or nothing.
     Reload(reload::Arguments),
     /// Print completions for a shell.
     Completions(completions::Arguments),
     /// Print the manual page.
+    #[command(after_help = man::EXAMPLES)]
     Man,
     /// Load a plugin and end.
     #[command(hide = true)]
@@ -160,9 +165,23 @@ mod tests {
         fn look(command: &clap::Command) {
             for verb in command.get_subcommands().filter(|verb| !verb.is_hide_set()) {
                 let help = verb.get_after_help().map(ToString::to_string).unwrap_or_default();
-                assert!(verb.get_name() == "man" || help.contains("Examples:"), "{} has no example", verb.get_name());
+                assert!(help.contains("Examples:"), "{} has no example", verb.get_name());
                 look(verb);
             }
+        }
+        look(&Cli::command());
+    }
+
+    /// A text that goes on in the next line of the source must not bring its indentation along.
+    #[test]
+    fn no_help_has_a_gap_in_a_line() {
+        fn look(command: &clap::Command) {
+            let help = command.clone().render_long_help().to_string();
+            let after = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let gap = |line: &&str| line.strip_prefix("  ").unwrap_or(line).contains("  ");
+            assert_eq!(after.lines().find(gap), None, "{}", command.get_name());
+            assert!(help.contains(after.lines().next().unwrap_or_default()), "{help}");
+            command.get_subcommands().filter(|verb| !verb.is_hide_set()).for_each(look);
         }
         look(&Cli::command());
     }

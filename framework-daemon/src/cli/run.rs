@@ -16,15 +16,19 @@ use crate::sys::log_ring::{self, Lines};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --plugins target/release\n  \
      framework-daemon run profiles/navigation --inject avoider:crash.segv@5\n\n\
-     In place of a slot, `daemon` is the daemon itself (crash.segv, crash.abort, crash.panic): it writes the safe outputs of its\n     \
-     actuators and a crash record, and ends by the signal.\n\n\
-     SIGHUP reloads the profiles, all or nothing. SIGTERM and SIGINT end in order; a second one leaves at once.\n\
-     SIGUSR1 writes the status of all slots into log and journal; `status`, `fault follow`, `reload` and others ask by the \
-     control socket. Where the usual place for it is not to be had it runs without; one named by --socket must be had.\n\
-     After a crash, a kill or a restart for suspect memory, slots with a `<checkpoint>` go on from the one that lies beside the \
-     journal, unless --fresh is given or the plugin is another build. After an end in order all begin anew.\n\
-     An emergency stop stays latched, whatever ends the run, until `fault clear`; --fresh forgets that, too.\n\
-     When all slots run, a line that begins with `ready` is printed.";
+     When all slots run, a line that begins with `ready` is printed.\n\n\
+     Signals: SIGHUP reads the profiles again, all or nothing. SIGTERM and SIGINT end the run in order; a second one ends it at \
+     once. SIGUSR1 writes the status of all slots into log and journal.\n\n\
+     Asking: `status`, `fault follow`, `reload` and others ask by the control socket. Where the usual place for it cannot be had \
+     the daemon runs without one; a place that is named by --socket must be had.\n\n\
+     Checkpoints: after a crash, a kill or a restart for suspect memory, slots with a `<checkpoint>` go on from their last one, \
+     unless --fresh is given or the plugin is another build. After an end in order all begin anew.\n\n\
+     Emergency stop: once latched it stays so, also in the next run, until `fault clear`, or a start with --fresh.\n\n\
+     Provoking faults: --inject takes crash.panic, crash.segv, crash.bus, crash.fpe, crash.ill, crash.abort, crash.stack, \
+     crash.exit and error. `daemon` in place of a slot is the daemon itself (crash.segv, crash.abort, crash.panic): it writes the \
+     safe outputs of its actuators and a crash record, and ends by the signal.\n\n\
+     The log goes to stderr; RUST_LOG=warn, for example, has it say less.\n\n\
+     Exit codes: 0 ended in order, 1 failed or to be started again, 2 wrong usage, 3 a profile is invalid, 4 a plugin is refused.";
 
 /// Long enough for the log's thread to write what it has; short enough for motors that turn meanwhile.
 const PANIC_FLUSH: Duration = Duration::from_millis(20);
@@ -33,7 +37,7 @@ const PANIC_FLUSH: Duration = Duration::from_millis(20);
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Profile directory.
+    /// Profile directory: an application_profile or several, what they refer to, and a system_profile if there is one.
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
     /// Plugin directory, searched before those that the profiles name; may be repeated.
@@ -43,8 +47,7 @@ pub struct Arguments {
     /// [default: $XDG_STATE_HOME/framework-daemon/journal.jsonl].
     #[arg(long, value_name = "FILE")]
     pub journal: Option<PathBuf>,
-    /// Forget what the run before left: its checkpoints, which a run goes on from where the one before did not end in order, and
-    /// its latched emergency stop, where an operator knows better than to clear it when it runs.
+    /// Begin anew: forget the checkpoints and the latched emergency stop that the run before may have left.
     #[arg(long)]
     pub fresh: bool,
     /// Where checkpoints lie, so that they outlive the daemon; on a tmpfs nothing ever waits for a disk
@@ -55,7 +58,7 @@ pub struct Arguments {
     /// it can be had [default: $XDG_RUNTIME_DIR/framework-daemon/control.sock, else /run/framework-daemon/control.sock].
     #[arg(long, value_name = "PATH")]
     pub socket: Option<PathBuf>,
-    /// Provoke a fault that many seconds after `ready`; may be repeated.
+    /// Provoke a fault that many seconds after `ready`, to see what is done about it; may be repeated.
     #[arg(long, value_name = "SLOT:SYMPTOM@SECONDS", value_parser = injection)]
     pub inject: Vec<Injection>,
 }
@@ -142,6 +145,11 @@ mod tests {
     fn an_injection_is_slot_symptom_and_seconds() {
         let parsed = injection("nav.avoider:crash.segv@1.5").unwrap();
         assert_eq!((parsed.slot.as_str(), parsed.code, parsed.after), ("nav.avoider", 2, Duration::from_millis(1500)));
+    }
+
+    #[test]
+    fn the_help_names_all_that_can_be_provoked() {
+        assert!(INJECTIONS.iter().all(|(name, _)| EXAMPLES.contains(name)), "{EXAMPLES}");
     }
 
     #[test]

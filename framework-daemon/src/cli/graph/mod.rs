@@ -22,7 +22,10 @@ use crate::profile;
 use crate::profile::plan::{DependencyPlan, Limit, MonitorPlan, Plan, Validity};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon graph profiles/navigation --as svg > navigation.svg\n  \
-     framework-daemon graph profiles/navigation --as dot | dot -Tpdf > navigation.pdf";
+     framework-daemon graph profiles/navigation --as dot | dot -Tpdf > navigation.pdf\n\n\
+     Drawn are slots with their ports, connections, who needs whom, and what the framework inserts: voters, comparisons with \
+     models, monitors. The directory must be accepted by `check`.\n\n\
+     Exit codes: 0 drawn, 3 a profile is invalid.";
 
 /// Arguments of `graph`.
 #[derive(Debug, Args)]

@@ -34,7 +34,7 @@ pub fn doubts(plan: &Plan) -> Vec<Doubt> {
         };
         silences(plan, slot).into_iter().for_each(&mut doubt);
         unheard(plan, slot).into_iter().for_each(&mut doubt);
-        let own = [resets(&slot.rules), recovery(slot), deadline(slot)];
+        let own = [hasty(plan, slot), resets(&slot.rules), recovery(slot), deadline(slot)];
         own.into_iter().flatten().for_each(&mut doubt);
     }
     found.extend(crowded(plan));
@@ -85,8 +85,7 @@ fn is_lonely_input(plan: &Plan, slot: &SlotPlan, port: &PortRef) -> bool {
 }
 
 fn silence(plan: &Plan, slot: &SlotPlan, port: &str, age: Duration, what: &str) -> Option<Said> {
-    let is_output = |each: &DataPortPlan| each.name == port && each.usage == Usage::Output;
-    let sources: Vec<&str> = match slot.component.data_ports.iter().any(is_output) {
+    let sources: Vec<&str> = match writes(slot, port) {
         true => vec![&slot.name],
         false => writers(plan, &slot.name, port).iter().map(|connection| connection.source.slot.as_str()).collect(),
     };
@@ -103,6 +102,39 @@ fn silence(plan: &Plan, slot: &SlotPlan, port: &str, age: Duration, what: &str) 
         slot.name
     );
     Some((message, "allow for several periods: a writer may be late once"))
+}
+
+/// A slot that writes only when it is written to, and whose silence is found before that of those who feed it: it is charged with
+/// theirs. Chains of symptoms are answered at their root, but not before that is known.
+fn hasty(plan: &Plan, slot: &SlotPlan) -> Option<Said> {
+    let name = slot.name.as_str();
+    let inputs = || slot.component.data_ports.iter().filter(|port| port.usage == Usage::Input);
+    let feeds = inputs().flat_map(|port| writers(plan, name, &port.name)).map(|way| way.source.slot.as_str());
+    let feeder = feeds.min().filter(|_| slot.component.execution.trigger == Trigger::Nonperiodic)?;
+    if slot.rules.severity.get(Symptom::Stale) == Severity::Ignore {
+        return None;
+    }
+    let watched = watching(plan, name).filter_map(|monitor| monitor.max_age);
+    // A voter does without a silent member, whosever fault that is.
+    let patience = readers(plan, name).filter_map(|port| port.max_age).chain(watched).min()?;
+    let own = plan.monitors.iter().filter(|monitor| monitor.port.slot == name && !writes(slot, &monitor.port.port));
+    let own = inputs().filter_map(|port| port.max_age).chain(own.filter_map(|monitor| monitor.max_age)).min();
+    if own.is_some_and(|own| own < patience) {
+        return None;
+    }
+    let found = own.map_or("nobody finds it out".to_owned(), |own| format!("it is found out after {own:?} only"));
+    let message = format!(
+        "where \"{feeder}\" falls silent, \"{name}\", which writes only when it is written to, is charged with silence after \
+         {patience:?}; of \"{feeder}\" {found}"
+    );
+    Some((
+        message,
+        "give its input a <max_age> shorter than that of its readers: what follows from a fault is left to its root",
+    ))
+}
+
+fn writes(slot: &SlotPlan, port: &str) -> bool {
+    slot.component.data_ports.iter().any(|each| each.name == port && each.usage == Usage::Output)
 }
 
 /// Severities of symptoms that nothing in the plan can find.

@@ -42,8 +42,13 @@ impl Handler {
     pub(super) fn take_quorum(&mut self, event: &FaultEvent, sequence: u64, root: Option<u64>) -> Vec<Line> {
         let fault = (event.fault.stage == Stage::Confirmed).then(|| root.unwrap_or(sequence));
         self.note_emergency(event, sequence);
-        // Where nothing is handled at this moment, the voter will tell.
-        let Some(voter) = self.cast.as_ref().and_then(|cast| cast.graph.voter(event.slot)) else { return Vec::new() };
+        let Some(cast) = &self.cast else {
+            // Nothing is handled at this moment: the voter will tell how it is, and by which fault only this does.
+            self.before
+                .extend(fault.filter(|_| stops_others(event.severity)).map(|root| (event.slot, Own::Faulty(root))));
+            return Vec::new();
+        };
+        let Some(voter) = cast.graph.voter(event.slot) else { return Vec::new() };
         if let Some(root) = fault {
             self.recent.remember(voter, event.fault.at_ns, root);
         }

@@ -34,7 +34,11 @@ impl Watch {
         let looks = Mutex::new(looks.into_iter().map(|look| (0, look)).collect());
         let shared = Arc::new(Shared { looks, over: Mutex::new(false), ended: Condvar::new() });
         let own = Arc::clone(&shared);
-        let thread = thread::spawn("monitors", move || own.run())?;
+        let thread = thread::spawn("monitors", move || {
+            // The emergency stop may follow from what it finds.
+            thread::hurry();
+            own.run();
+        })?;
         Ok(Some(Self { shared, thread: Some(thread) }))
     }
 }

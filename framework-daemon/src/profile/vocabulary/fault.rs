@@ -6,6 +6,8 @@ use crate::model::limits;
 
 const PRELOAD: Kind = Kind::OneOf(&["none", "library", "instance"]);
 
+const SEVERITIES: Kind = Kind::OneOf(&["ignore", "reset", "stop", "emergency"]);
+
 const LIMIT_ATTRIBUTES: &[super::AttributeRule] = &[
     optional("slope", Kind::Number, "Factor of a linear limit: slope * of + offset."),
     optional("of", Kind::Name, "Field that a linear limit depends on."),
@@ -54,7 +56,17 @@ static SEVERITY: ElementRule = ElementRule {
          all crash.*.",
     )],
     children: &[],
-    content: Content::Value(Kind::OneOf(&["ignore", "reset", "stop", "emergency"])),
+    content: Content::Value(SEVERITIES),
+};
+
+/// What to do where too few members of a voter agree.
+static QUORUM: ElementRule = ElementRule {
+    name: "severity",
+    about: "What to do where too few agree: ignore, as without the element, stop whoever depends on the voter, or emergency. \
+            A voter has no state that a reset would mend, and inherits nothing.",
+    attributes: &[optional("symptom", Kind::Name, "vote, or none: a voter has no other fault.")],
+    children: &[],
+    content: Content::Value(SEVERITIES),
 };
 
 /// What to do about the faults of a slot.
@@ -131,7 +143,7 @@ pub static DEPENDENCY: ElementRule = ElementRule::attributed(
     "dependency",
     &[
         required("component", Kind::Name, "Slot that stops."),
-        required("on", Kind::Names, "Slots that it needs, separated by blanks."),
+        required("on", Kind::Names, "Slots, composites and voters that it needs, separated by blanks."),
         optional("require", Kind::Integer(1, limits::SLOTS as i64), "How many of them must work; default: all."),
     ],
     "A slot stops when fewer than the required ones of those that it needs work.",
@@ -183,7 +195,7 @@ pub static VOTING: ElementRule = ElementRule {
             "How many must agree, or nothing is handed on; default: more than half.",
         ),
     ],
-    children: &[(Optional, &SEVERITY)],
+    children: &[(Optional, &QUORUM)],
     content: Content::Elements,
 };
 

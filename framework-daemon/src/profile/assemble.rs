@@ -132,6 +132,10 @@ pub struct Assembler {
     /// True where references are not followed.
     alone: bool,
     pub(super) application: String,
+    /// Those that are placed.
+    applications: HashSet<String>,
+    /// Executors whose absence is told.
+    pub(super) absent_executors: HashSet<String>,
     /// Composites that are being flattened, outermost first.
     open: Vec<(usize, String)>,
 }
@@ -148,6 +152,10 @@ impl Assembler {
         let (Some(Profile::Application(assembly)) | Some(Profile::Composite(assembly))) = &document.profile else {
             return;
         };
+        // A second of that name is refused as a whole: each of its slots would be there twice.
+        if !self.applications.insert(assembly.name.text.clone()) && !assembly.name.text.is_empty() {
+            return;
+        }
         self.application.clone_from(&assembly.name.text);
         self.place(files, document, assembly, "");
     }
@@ -162,6 +170,9 @@ impl Assembler {
             if let Some(line) = lines.get(name.text.as_str()) {
                 let message = format!("slot \"{}\" is already declared in line {line}", name.text);
                 self.error(&name.spot, message, "give each subcomponent a name of its own");
+                // Which one has the wrong name, and what its own would be, nobody knows.
+                scope.incomplete = true;
+                self.incomplete_slots = true;
                 continue;
             }
             if name.text == FAULT_MANAGER {

@@ -17,11 +17,16 @@ use crate::model::limits;
 
 /// Checks `element` and everything in it against `rule`.
 pub fn conform(element: &mut Element, rule: &'static ElementRule, report: &mut Reporter) {
+    conform_beside(&[], element, rule, report);
+}
+
+/// The same where strangers of these names stand beside it: one that it lacks may be meant for it.
+fn conform_beside(strangers: &[String], element: &mut Element, rule: &'static ElementRule, report: &mut Reporter) {
     if rule.content == Content::Noise {
         return;
     }
     check_attributes(element, rule, report);
-    check_children(element, rule, report);
+    check_children(strangers, element, rule, report);
     check_text(element, rule, report);
 }
 
@@ -39,7 +44,10 @@ fn check_attributes(element: &mut Element, rule: &'static ElementRule, report: &
         misread |= !check_attribute(attribute, rule, &mut given, report);
     }
     element.misread |= misread;
-    let missing = rule.attributes.iter().filter(|wanted| wanted.required && element.attribute(wanted.name).is_none());
+    // One that is written as an element is told with the elements.
+    let is_child = |name: &str| rule.children.iter().any(|(_, known)| known.name == name);
+    let is_given = |name: &str| element.attribute(name).is_some() || (!is_child(name) && element.child(name).is_some());
+    let missing = rule.attributes.iter().filter(|wanted| wanted.required && !is_given(wanted.name));
     let missing: Vec<(String, &str)> = missing.map(|wanted| (wanted.name.to_owned(), wanted.about)).collect();
     tell_missing(element, rule, "attribute", &missing, report);
 }
@@ -105,9 +113,11 @@ fn find_attribute(
         let message = format!("attribute {} is written {}", attribute.name, free.unwrap_or_default());
         report.warning(attribute.name_span, message);
     } else {
+        let as_told = as_element(attribute, rule).filter(|_| meant.is_none());
         let hint = match (meant, free) {
             (Some(name), None) => format!("{name} stands here already: remove one of them"),
             (Some(name), Some(_)) => format!("did you mean {name}?"),
+            _ if as_told.is_some() => as_told.unwrap_or_default(),
             (None, _) if names.is_empty() => format!("<{}> has no attributes", rule.name),
             (None, _) => format!("possible here: {}", suggest::listed(names)),
         };
@@ -120,13 +130,23 @@ fn find_attribute(
     Some(found)
 }
 
-fn check_children(element: &mut Element, rule: &'static ElementRule, report: &mut Reporter) {
+fn check_children(strangers: &[String], element: &mut Element, rule: &'static ElementRule, report: &mut Reporter) {
+    let is_known = |name: &str| rule.children.iter().any(|(_, known)| same_but_case(known.name, name));
+    let mine: Vec<String> = element
+        .children
+        .iter()
+        .map(|child| child.name.clone())
+        .filter(|name| !is_known(name))
+        .take(STRANGERS)
+        .collect();
+    let mut too_deep: Vec<String> = Vec::new();
     let mut given: HashSet<String> = element.children.iter().map(|child| child.name.clone()).collect();
     let mut misread = false;
     let mut first_seen: Vec<Option<Span>> = vec![None; rule.children.len()];
     for child in &mut element.children {
         let Some(index) = find_child(child, rule, &mut given, report) else {
             misread = true;
+            too_deep.extend(child.children.iter().map(|inner| inner.name.clone()).take(STRANGERS));
             continue;
         };
         let Some((times, child_rule)) = rule.children.get(index) else { continue };
@@ -140,15 +160,19 @@ fn check_children(element: &mut Element, rule: &'static ElementRule, report: &mu
         if let Some(seen) = first_seen.get_mut(index) {
             seen.get_or_insert(child.name_span);
         }
-        conform(child, child_rule, report);
+        conform_beside(&mine, child, child_rule, report);
     }
     element.misread |= misread;
     let wanted = rule.children.iter().zip(&first_seen).filter(|((times, _), _)| *times == Times::One);
-    let missing = wanted.filter(|(_, seen)| seen.is_none());
+    let is_told = |name: &str| strangers.iter().chain(&too_deep).any(|stranger| stranger == name);
+    let missing = wanted.filter(|((_, wanted), seen)| seen.is_none() && !is_told(wanted.name));
     let missing: Vec<(String, &str)> =
         missing.map(|((_, wanted), _)| (format!("<{}>", wanted.name), wanted.about)).collect();
     tell_missing(element, rule, "element", &missing, report);
 }
+
+/// How many elements in the wrong place are looked at for what is missing elsewhere.
+const STRANGERS: usize = 16;
 
 /// The index of the rule that a child falls under; reports what falls under none. A misspelt one, or the only one that can be what
 /// is missing, is put right in the tree, as attributes are, where there is room for another of that name.
@@ -176,9 +200,13 @@ fn find_child(
     }
     let wanted = rule.children.iter().filter(|(times, known)| *times == Times::One && !given.contains(known.name));
     // What belongs elsewhere is no other name for what is missing here.
-    let missing = only(wanted).filter(|_| vocabulary::parents_of(&child.name).is_empty()).map(|(_, known)| known.name);
+    let is_stranger = |known: &ElementRule| {
+        vocabulary::parents_of(&child.name).is_empty() && (child.children.is_empty() || !known.children.is_empty())
+    };
+    let missing = only(wanted).filter(|(_, known)| is_stranger(known)).map(|(_, known)| known.name);
     let near = suggest::nearest(&child.name, rule.children.iter().map(|(_, known)| known.name)).or(missing);
-    let hint = near.map(|near| format!("did you mean <{near}>?")).or_else(|| unknown_child_hint(&child.name, rule));
+    let hint = near.map(|near| format!("did you mean <{near}>?"));
+    let hint = hint.or_else(|| as_attribute(child, rule)).or_else(|| unknown_child_hint(&child.name, rule));
     report.error(child.name_span, message).hint = hint;
     let index = rule.children.iter().position(|(_, known)| Some(known.name) == near)?;
     let (times, known) = rule.children.get(index)?;
@@ -195,8 +223,29 @@ fn only<T>(mut all: impl Iterator<Item = T>) -> Option<T> {
     all.next().filter(|_| all.next().is_none())
 }
 
+/// What is an attribute of the element that it stands in.
+fn as_attribute(child: &Element, rule: &'static ElementRule) -> Option<String> {
+    let meant = rule.attributes.iter().find(|known| same_but_case(known.name, &child.name))?;
+    Some(format!("{0} is an attribute: write <{1} {0}=\"{2}\">", meant.name, rule.name, child.text))
+}
+
+/// What is an element in the element that it stands in, or its text.
+fn as_element(attribute: &Attribute, rule: &'static ElementRule) -> Option<String> {
+    let (name, value) = (&attribute.name, &attribute.value);
+    if let Some((_, known)) = rule.children.iter().find(|(_, known)| same_but_case(known.name, name)) {
+        return Some(format!("{0} is an element: write <{1} ...><{0}>{value}</{0}></{1}>", known.name, rule.name));
+    }
+    let is_text = matches!(rule.content, Content::Text(_) | Content::Value(_)) && name.eq_ignore_ascii_case("value");
+    is_text.then(|| format!("the value stands between the tags: write <{0} ...>{value}</{0}>", rule.name))
+}
+
 fn unknown_child_hint(name: &str, rule: &'static ElementRule) -> Option<String> {
-    let parents = vocabulary::parents_of(name);
+    let holds = |known: &ElementRule| known.children.iter().any(|(_, inner)| inner.name == name);
+    let mut parents: Vec<&str> =
+        rule.children.iter().filter(|(_, known)| holds(known)).map(|(_, known)| known.name).collect();
+    if parents.is_empty() {
+        parents = vocabulary::parents_of(name);
+    }
     if !parents.is_empty() {
         let list: Vec<String> = parents.iter().map(|parent| format!("<{parent}>")).collect();
         return Some(format!("<{name}> belongs in {}", list.join(", ")));
@@ -239,7 +288,14 @@ fn check_kind(text: &mut String, span: Span, kind: Kind, what: &str, report: &mu
     // A span of a text with references or line breaks in it is longer than the text, which is what a caret wants.
     let wrong = match kind {
         Kind::Text => None,
-        Kind::Name => overlong(text),
+        Kind::Name => {
+            let wrong = overlong(text);
+            if wrong.is_some() {
+                // Nothing is called that, and nothing will be looked for by it.
+                text.clear();
+            }
+            wrong
+        }
         Kind::Names => return check_names(text, span, what, report),
         Kind::OneOf(words) => return check_word(text, span, words, true, what, report),
         Kind::Usually(words) => return check_word(text, span, words, false, what, report),
@@ -292,7 +348,10 @@ fn check_word(
         return;
     }
     let message = format!("{what}: \"{text}\" is not one of {}", words.join(", "));
-    let near = suggest::nearest(text, words.iter().copied());
+    // `SCHED_FIFO` where `fifo` is meant.
+    let lower = text.to_lowercase();
+    let held = words.iter().copied().find(|word| word.len() > 2 && lower.ends_with(word));
+    let near = suggest::nearest(text, words.iter().copied()).or(held);
     let hint = near.map(|word| format!("did you mean {word}?"));
     if strict {
         report.error(span, message).hint = hint;

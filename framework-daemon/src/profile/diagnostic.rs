@@ -264,6 +264,10 @@ pub fn tidy(diagnostics: &mut Vec<Diagnostic>, rank: impl Fn(&Path) -> usize) {
         (rank(file), *line, *column, found.level)
     });
     diagnostics.dedup();
+    for found in diagnostics.iter_mut() {
+        clip(&mut found.message);
+        found.hint.iter_mut().for_each(clip);
+    }
     let beyond = diagnostics.len().saturating_sub(limits::DIAGNOSTICS);
     if beyond == 0 {
         return;
@@ -274,6 +278,18 @@ pub fn tidy(diagnostics: &mut Vec<Diagnostic>, rank: impl Fn(&Path) -> usize) {
     if let Some(last) = diagnostics.last().cloned() {
         let message = format!("{beyond} more findings are not shown");
         diagnostics.push(Diagnostic::of_file(Level::Note, &last.location.file, message));
+    }
+}
+
+/// A name without end must not hide what is said of it.
+fn clip(text: &mut String) {
+    const MOST: usize = 2_000;
+    const SHOWN: usize = 200;
+    if text.len() > MOST {
+        let ends = |keep: usize| text.char_indices().nth(keep).map_or(text.len(), |(index, _)| index);
+        let begin = text.get(..ends(SHOWN)).unwrap_or_default();
+        let end: String = text.chars().rev().take(SHOWN / 2).collect();
+        *text = format!("{begin} ... {}", end.chars().rev().collect::<String>());
     }
 }
 

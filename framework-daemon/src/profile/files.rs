@@ -54,6 +54,14 @@ pub fn resolve(from: &Path, application: &str, reference: &Word) -> Result<PathB
     if let Some(found) = places.iter().find(|place| place.is_file()) {
         return Ok(found.clone());
     }
+    // What lies beside it is read with the rest of the directory: why it cannot be is told there.
+    let is_listed = |place: &&PathBuf| {
+        let is_xml = place.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("xml"));
+        is_xml && place.parent() == from.parent() && !place.is_dir() && place.symlink_metadata().is_ok()
+    };
+    if let Some(found) = places.iter().find(is_listed) {
+        return Ok(found.clone());
+    }
     let error = |message: String| reference.spot.diagnostic(super::diagnostic::Level::Error, message);
     if let Some(odd) = places.iter().find(|place| place.exists()) {
         return Err(Box::new(error(format!("{} is not a regular file", odd.display()))));

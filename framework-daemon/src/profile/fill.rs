@@ -81,8 +81,15 @@ impl Assembler {
         let found = self.executors.iter().find(|executor| executor.name == name.text).cloned();
         if found.is_none() && !self.executors_unknown {
             let names: Vec<&str> = self.executors.iter().map(|executor| executor.name.as_str()).collect();
-            let hint = suggest::hint(&name.text, &names, str::to_owned)
-                .unwrap_or_else(|| "declare it in the system_profile: <executor name=\"...\"/>".to_owned());
+            // Each slot that misspells it is to be corrected; one that is not declared is to be declared once.
+            let near = suggest::nearest(&name.text, names.iter().copied());
+            if near.is_none() && !self.absent_executors.insert(name.text.clone()) {
+                return None;
+            }
+            let hint = match near {
+                Some(near) => format!("did you mean {near}?"),
+                None => format!("declare it in the system_profile: <executor name=\"{}\"/>", name.text),
+            };
             let message = format!("executor \"{}\" is not declared", name.text);
             self.error(&name.spot, message, &hint);
         }

@@ -49,7 +49,8 @@ pub fn format_duration(time: Duration) -> String {
 /// # Errors
 /// What is wrong with it.
 pub fn number(text: &str) -> Result<f64, String> {
-    decimal(text).ok_or_else(|| format!("\"{text}\" is not a number"))
+    let comma = if text.contains(',') { ": write a point in place of the comma" } else { "" };
+    decimal(text).ok_or_else(|| format!("\"{text}\" is not a number{comma}"))
 }
 
 /// A whole number in a range.

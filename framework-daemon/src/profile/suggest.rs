@@ -1,11 +1,17 @@
 //! Did you mean: the nearest right name to a wrong one.
 
+use crate::model::limits;
+
 /// Similarity (0 to 1) from which a name is worth suggesting; below it suggestions look random.
 const LIKELY: f64 = 0.72;
 
 /// The candidate nearest to `wrong`, if it is near enough to be what was meant.
 #[must_use]
 pub fn nearest<'a>(wrong: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    // What is longer than any name is near none, and to find that out would take seconds.
+    if wrong.len() > 8 * limits::NAME_CHARS {
+        return None;
+    }
     let wrong_lower = wrong.to_lowercase();
     let scored = candidates.into_iter().map(|name| (score(&wrong_lower, &name.to_lowercase()), name));
     let best = scored.filter(|(score, _)| *score >= LIKELY).max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(a.1)))?;

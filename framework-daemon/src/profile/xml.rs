@@ -115,6 +115,7 @@ impl<'a> Builder<'a> {
         let config = reader.config_mut();
         config.expand_empty_elements = true;
         config.trim_markup_names_in_closing_tags = true;
+        config.check_comments = true;
         loop {
             let at = usize::try_from(reader.buffer_position()).unwrap_or(usize::MAX);
             match reader.read_event() {
@@ -124,6 +125,7 @@ impl<'a> Builder<'a> {
                         return;
                     }
                 }
+                Err(XmlError::IllFormed(IllFormedError::DoubleHyphenInComment)) => return self.dashes_in_comment(at),
                 Err(error) => {
                     let at = usize::try_from(reader.error_position()).unwrap_or(usize::MAX);
                     return self.reader_error(&error, at);
@@ -199,7 +201,9 @@ impl<'a> Builder<'a> {
         let span = Span::new(at + blank_before, text.trim().len());
         let Some(element) = self.open.last_mut() else {
             if !text.trim().is_empty() {
-                self.error(span, "text outside of the root element");
+                self.error(span, "text outside of the root element").hint = Some(
+                    "a profile is XML, one element with all in it: remove the text, or make it a comment".to_owned(),
+                );
             }
             return;
         };
@@ -250,11 +254,24 @@ impl<'a> Builder<'a> {
                 break;
             }
             match found {
-                Ok(found) => attributes.push(self.attribute(found.key.0, &found.value)),
+                Ok(found) => {
+                    let attribute = self.attribute(found.key.0, &found.value);
+                    self.check_blank_before(&attribute);
+                    attributes.push(attribute);
+                }
                 Err(error) => self.attribute_error(&error, tag),
             }
         }
         attributes
+    }
+
+    /// The reader takes `a="1"b="2"`, which XML does not.
+    fn check_blank_before(&mut self, attribute: &Attribute) {
+        let before = self.source.text().get(..attribute.name_span.start as usize).unwrap_or_default();
+        if before.ends_with(['"', '\'']) {
+            self.error(attribute.name_span, format!("a blank is missing before {}", attribute.name)).hint =
+                Some("attributes are separated by blanks".to_owned());
+        }
     }
 
     fn attribute(&mut self, name: &str, raw: &str) -> Attribute {
@@ -285,7 +302,10 @@ impl<'a> Builder<'a> {
             AttrError::ExpectedQuote(at, _) => (*at, "the closing quote is missing"),
             AttrError::Duplicated(at, _) => (*at, "this attribute stands here twice"),
         };
-        self.error(Span::new(tag + at, 1), message);
+        let typographic = |c: char| matches!(c, '\u{201c}' | '\u{201d}' | '\u{201e}' | '\u{2018}' | '\u{2019}');
+        let is_typographic = self.source.text().get(tag + at..).is_some_and(|rest| rest.starts_with(typographic));
+        let hint = is_typographic.then(|| "these are typographic quotes: write straight ones, \" or '".to_owned());
+        self.error(Span::new(tag + at, 1), message).hint = hint;
     }
 
     fn check_name(&mut self, name: &str, span: Span, what: &str) {
@@ -309,9 +329,27 @@ impl<'a> Builder<'a> {
             XmlError::IllFormed(IllFormedError::UnclosedReference) => {
                 (1, "& begins a reference that does not end".to_owned(), Some("write & as &amp;".to_owned()))
             }
+            other if plain(other).starts_with("attribute value not closed") => (
+                1,
+                "an attribute of this element has no closing quote".to_owned(),
+                Some("write name=\"value\"".to_owned()),
+            ),
             other => (1, format!("not well-formed: {}", plain(other)), None),
         };
         self.error(Span::new(at.min(self.source.text().len()), width), message).hint = hint;
+    }
+
+    /// In the comment at `at`. Where in it the reader does not say right.
+    fn dashes_in_comment(&mut self, at: usize) {
+        const BEGIN: &str = "<!--";
+        let rest = self.source.text().get(at..).unwrap_or_default();
+        let begin = rest.find(BEGIN).map_or(at, |found| at + found);
+        let inside = self.source.text().get(begin + BEGIN.len()..).unwrap_or_default();
+        let dashes = inside.find("--").map_or(begin, |found| begin + BEGIN.len() + found);
+        let line = self.source.location(Span::new(begin, BEGIN.len())).line;
+        self.error(Span::new(dashes, 2), format!("-- in the comment that begins in line {line}")).hint = Some(
+            "only --> may have two dashes: write one, or close the comment before; comments do not nest".to_owned(),
+        );
     }
 
     fn finish(mut self) -> Result<Element, Vec<Diagnostic>> {
@@ -320,7 +358,9 @@ impl<'a> Builder<'a> {
                 let (span, message) = (open.name_span, format!("<{}> is never closed", open.name));
                 self.error(span, message);
             } else if self.root.is_none() {
-                self.error(Span::new(self.source.text().len(), 0), "the file holds no element");
+                let hint = "write a profile, `framework-daemon schema` tells what it may hold, or remove the file";
+                self.error(Span::new(self.source.text().len(), 0), "the file holds no element").hint =
+                    Some(hint.to_owned());
             }
         }
         match self.root {

@@ -2,7 +2,7 @@
 //!
 //! A monitor is an input of the framework's own, connected to the watched output, or to the outputs that are connected to the
 //! watched input; its checks find what is wrong with what arrives there, and charge the writer. It only looks: readers
-//! get what they would get without it. Silence is looked for where one has a `max_age` ([`watch`](super::watch)).
+//! get what they would get without it. Silence is looked for where one has a `max_age` ([`watch`](crate::supervise::watch)).
 
 use std::sync::Arc;
 

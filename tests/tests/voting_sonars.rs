@@ -122,6 +122,11 @@ fn one_falls_silent_and_one_drifts_and_where_no_two_agree_the_robot_stands() {
     assert_eq!((few["slot"].as_str(), few["symptom"].as_str()), (Some("sonars.ring"), Some("vote")), "{few}");
     let evidence = &few["evidence"];
     assert_eq!((evidence["agreeing"].as_u64(), evidence["require"].as_u64()), (Some(1), Some(2)), "{evidence}");
+    assert_eq!((few["action"].as_str(), few["outcome"].as_str()), (Some("stop"), Some("stopped")), "{few}");
+    for (slot, reason) in [("avoider", "needs sonars.ring"), ("motors", "needs avoider")] {
+        let is_it = |line: &Value| line["slot"] == slot && line["reason"] == reason;
+        drive.daemon.until("nobody drives without the ring", || drive.daemon.entries("held").iter().any(is_it));
+    }
     drive.daemon.until("the robot to stand", || drive.stands());
     assert!(drive.has_hit_nothing());
 }

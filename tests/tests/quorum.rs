@@ -109,7 +109,11 @@ fn a_voter_inside_a_composite_can_be_needed_and_a_reload_loses_nothing_of_it() {
     profiles.write("Ring.xml", &inside);
     let more = [slot("ring", "Ring", ""), slot("reader", "Witness", ""), slot("ear", "Ear", "")];
     profiles.write("app.xml", &application(&more, &["ring.ranges -> ear.heard"]));
-    needs(&profiles, "reader", "ring.sonar");
+    needs(&profiles, "reader", "ring.sonra");
+    let checked = check(profiles.path());
+    assert!(checked.out.contains("no voter \"sonra\" is in the composite \"ring\""), "{checked:?}");
+    assert!(checked.out.contains("did you mean ring.sonar?"), "{checked:?}");
+    profiles.replace("app.xml", "ring.sonra", "ring.sonar");
     let daemon = Running::start(profiles.path(), &[]);
     let held = daemon.journal("held", 1).remove(0);
     let lost = of(&daemon, "fault", "ring.sonar").remove(0);

@@ -396,7 +396,7 @@ fn severity_of_vote(element: &Element, report: &mut Reporter) -> Severity {
             Some("it has no state that a reset would mend: say ignore, stop or emergency".to_owned());
         return Severity::Ignore;
     }
-    if severity == Severity::Stop && element.value_of("name").is_empty() {
+    if severity == Severity::Stop && element.value_of("name").is_empty() && !element.misread {
         report.error(rule.text_span, "nobody can depend on a voter without a name: stop stops nobody").hint =
             Some("give the <voting> a name, and add <dependency component=\"reader\" on=\"that name\"/>".to_owned());
     }

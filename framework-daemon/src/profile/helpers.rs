@@ -325,7 +325,28 @@ impl Assembler {
     pub(super) fn needed_called(&mut self, word: &Word, scope: &Scope, prefix: &str) -> Vec<String> {
         let name = format!("{prefix}{}", word.text);
         let is_voter = self.placed_votings.iter().any(|(voting, _)| voting.name.as_ref() == Some(&name));
-        if is_voter { vec![name] } else { self.slots_called(word, scope) }
+        let inside = word.text.split_once('.').filter(|_| scope.get(&word.text).is_none());
+        match inside.and_then(|(head, rest)| Some((head, rest, scope.get(head)?))) {
+            _ if is_voter => vec![name],
+            Some((head, rest, Placed::Composite(inside))) => {
+                if !inside.incomplete {
+                    self.no_voter_inside(word, (head, rest), prefix);
+                }
+                Vec::new()
+            }
+            Some((_, _, Placed::Broken)) => Vec::new(),
+            _ => self.slots_called(word, scope),
+        }
+    }
+
+    /// Of what is inside a composite only a voter can be needed by its own name.
+    fn no_voter_inside(&mut self, word: &Word, (head, rest): (&str, &str), prefix: &str) {
+        let before = format!("{prefix}{head}.");
+        let voters = self.placed_votings.iter().filter_map(|(voting, _)| voting.name.as_deref()?.strip_prefix(&before));
+        let voters: Vec<&str> = voters.collect();
+        let hint = suggest::hint(rest, &voters, |voter| format!("{head}.{voter}"));
+        let hint = hint.unwrap_or_else(|| format!("name the composite: {head}"));
+        self.error(&word.spot, format!("no voter \"{rest}\" is in the composite \"{head}\""), &hint);
     }
 
     /// `slot.port`: the port is behind the last dot, since slots in composites have dots in their names.

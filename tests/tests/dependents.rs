@@ -242,7 +242,7 @@ fn a_reload_keeps_what_is_stopped_and_why() {
 #[test]
 fn the_graph_shows_who_needs_whom() {
     let profiles = witnesses(&["a", "b", "c"], &dependency("c", "a b", "1"));
-    for (kind, wanted) in [("dot", "\"a\" -> \"c\" [color"), ("mermaid", "s0 -.->|\"needs 1 of 2\"| s2")] {
+    for (kind, wanted) in [("dot", "\"c\" -> \"a\" [color"), ("mermaid", "s2 -.->|\"needs 1 of 2\"| s0")] {
         let drawn = tests::asking::graph(profiles.path(), kind);
         assert!(drawn.out.contains(wanted) && drawn.out.contains("needs 1 of 2"), "{drawn:?}");
     }

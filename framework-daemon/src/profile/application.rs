@@ -192,10 +192,16 @@ pub fn read(root: &Element, report: &mut Reporter) -> Assembly {
         .collect();
     let exports = composite::exports(root, report);
     let nameless = root.children_of("voting").any(|voting| voting.misread && voting.value_of("name").is_empty());
+    let is_hollow = root.child("subcomponents").is_some_and(|slots| slots.children.is_empty() && slots.text.is_empty());
+    if let Some(connections) = root.child("port_connections").filter(|all| is_hollow && !all.children.is_empty()) {
+        report.error(connections.name_span, "connections, but no slots: <subcomponents> is empty").hint =
+            Some("declare in <subcomponents> the slots that they name".to_owned());
+    }
     let exported = root.children_of("export_ports").map(|ports| ports.children.len()).sum::<usize>();
     Assembly {
         name: report.text_word(name),
         incomplete: nameless
+            || is_hollow
             || root.misread
             || root.child("subcomponents").is_none()
             || slots.count() != subcomponents.len()

@@ -178,6 +178,8 @@ impl Assembler {
             if name.text == FAULT_MANAGER {
                 let message = format!("\"{FAULT_MANAGER}\" is the fault manager's own name");
                 self.error(&name.spot, message, "give the slot another one");
+                scope.incomplete = true;
+                self.incomplete_slots = true;
             }
             lines.insert(&name.text, name.spot.location().line);
             let placed = self.subcomponent(files, &document.path, subcomponent, prefix);

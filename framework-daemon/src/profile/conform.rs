@@ -49,7 +49,15 @@ fn check_attributes(element: &mut Element, rule: &'static ElementRule, report: &
     let is_given = |name: &str| element.attribute(name).is_some() || (!is_child(name) && element.child(name).is_some());
     let missing = rule.attributes.iter().filter(|wanted| wanted.required && !is_given(wanted.name));
     let missing: Vec<(String, &str)> = missing.map(|wanted| (wanted.name.to_owned(), wanted.about)).collect();
-    tell_missing(element, rule, "attribute", &missing, report);
+    match missing.as_slice() {
+        // What it needs stands between its tags.
+        [(name, _)] if rule.content == Content::Elements && !element.text.is_empty() => {
+            let hint = format!("write <{} {name}=\"{}\"/>", rule.name, element.text);
+            report.error(element.name_span, format!("<{}> needs the attribute {name}", rule.name)).hint = Some(hint);
+            element.text.clear();
+        }
+        _ => tell_missing(element, rule, "attribute", &missing, report),
+    }
 }
 
 /// All that an element lacks of one sort, as one error.
@@ -107,18 +115,29 @@ fn find_attribute(
     let wanted = rule.attributes.iter().filter(|known| known.required && !given.contains(known.name));
     // Nobody will read the hints beyond the limit.
     let near = || suggest::nearest(&attribute.name, names.iter().copied()).filter(|_| !report.is_full());
-    let meant = other_case.or_else(near).or_else(|| only(wanted).map(|known| known.name));
+    let near = other_case.or_else(near);
+    let is_near = near.is_some();
+    let meant = near.or_else(|| only(wanted).map(|known| known.name));
     let free = meant.filter(|name| !given.contains(*name));
     if other_case.is_some() && free.is_some() {
         let message = format!("attribute {} is written {}", attribute.name, free.unwrap_or_default());
         report.warning(attribute.name_span, message);
     } else {
         let as_told = as_element(attribute, rule).filter(|_| meant.is_none());
+        // The element of that name is another one elsewhere.
+        let elsewhere = if is_near { Vec::new() } else { vocabulary::parents_with(rule.name, &attribute.name) };
         let hint = match (meant, free) {
+            _ if !elsewhere.is_empty() => {
+                format!("<{} {}=...> belongs in <{}>", rule.name, attribute.name, elsewhere.join(">, <"))
+            }
             (Some(name), None) => format!("{name} stands here already: remove one of them"),
             (Some(name), Some(_)) => format!("did you mean {name}?"),
             _ if as_told.is_some() => as_told.unwrap_or_default(),
-            (None, _) if names.is_empty() => format!("<{}> has no attributes", rule.name),
+            (None, _) if names.is_empty() && rule.children.is_empty() => format!("<{}> has no attributes", rule.name),
+            (None, _) if names.is_empty() => {
+                let held = rule.children.iter().map(|(_, held)| held.name);
+                format!("<{}> has no attributes; it holds elements: {}", rule.name, suggest::listed(held))
+            }
             (None, _) => format!("possible here: {}", suggest::listed(names)),
         };
         let message = format!("unknown attribute {} in <{}>", attribute.name, rule.name);
@@ -127,6 +146,11 @@ fn find_attribute(
     let found = rule.attributes.iter().find(|known| Some(known.name) == free)?;
     found.name.clone_into(&mut attribute.name);
     given.insert(found.name.to_owned());
+    if !is_near {
+        // A guess, good enough for a hint: nothing is concluded from the value.
+        attribute.value.clear();
+        return None;
+    }
     Some(found)
 }
 

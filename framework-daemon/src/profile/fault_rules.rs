@@ -65,7 +65,9 @@ pub fn read(element: &Element, report: &mut Reporter) -> Declared {
 /// A ladder that no severity ever climbs is a mistake that only shows when the robot needs it.
 fn warn_of_idle_ladder(element: &Element, declared: &Declared, report: &mut Reporter) {
     let resets = Symptom::ALL.into_iter().any(|symptom| declared.rules.severity.get(symptom) == Severity::Reset);
-    if resets {
+    // One that cannot be read may be the one that is missed.
+    let unread = element.children_of("severity").any(|rule| Severity::from_name(&rule.text).is_none());
+    if resets || unread || element.misread {
         return;
     }
     if let Some(idle) = element.child("reset").or_else(|| element.child("secondary")).or_else(|| element.child("spare"))
@@ -248,7 +250,8 @@ fn validity(element: &Element, report: &mut Reporter) -> Validity {
         report.error(span, format!("max {high} is less than min {low}: no value would be valid"));
     }
     let max_rate = max_rate(element, report);
-    if min.is_none() && max.is_none() && max_rate.is_none() && element.children.iter().all(|c| c.name == "on_invalid") {
+    let says_nothing = min.is_none() && max.is_none() && max_rate.is_none() && !element.misread;
+    if says_nothing && element.children.iter().all(|c| c.name == "on_invalid") {
         report.error(element.name_span, "<validity> checks nothing").hint =
             Some("give it <min>, <max> or <max_rate>".to_owned());
     }

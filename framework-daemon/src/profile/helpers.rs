@@ -75,6 +75,9 @@ impl Assembler {
             if scope.contains_key(&name.text) {
                 let message = format!("\"{}\" is already the name of a subcomponent or voter", name.text);
                 self.error(&name.spot, message, "give the voter a name of its own");
+                if matches!(placed, Placed::Voter(_)) {
+                    self.placed_votings.pop();
+                }
                 continue;
             }
             if !self.is_declared(&format!("{prefix}{}", name.text), &name.spot) {
@@ -353,7 +356,11 @@ impl Assembler {
     fn dotted_port(&mut self, word: &Word, scope: &Scope) -> Option<Port> {
         let Some((component, port)) = word.text.rsplit_once('.') else {
             if !word.text.is_empty() {
-                self.error(&word.spot, format!("\"{}\" names no port", word.text), "write it as slot.port");
+                let hint = match word.text.rsplit_once(['/', ':']) {
+                    Some((slot, port)) => format!("write it as {slot}.{port}"),
+                    None => "write it as slot.port".to_owned(),
+                };
+                self.error(&word.spot, format!("\"{}\" names no port", word.text), &hint);
             }
             return None;
         };

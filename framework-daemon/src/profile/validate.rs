@@ -268,7 +268,11 @@ impl Validator {
             return assembler.error(spot, message, "name a slot that drives something: a voter has nothing to stop");
         }
         let names: Vec<&str> = assembler.slots.iter().map(|slot| slot.name.as_str()).collect();
-        let hint = suggest::hint(name, &names, str::to_owned).unwrap_or_else(|| "no slot is declared".to_owned());
+        let is_list = name.split([' ', ',']).all(|part| part.is_empty() || names.contains(&part));
+        let hint = match is_list {
+            true => "an <actuator> names one slot: write one for each".to_owned(),
+            false => suggest::hint(name, &names, str::to_owned).unwrap_or_else(|| "no slot is declared".to_owned()),
+        };
         assembler.error(spot, format!("no slot is called \"{name}\""), &hint);
     }
 
@@ -306,7 +310,10 @@ impl Validator {
     }
 
     fn application_dependency(&mut self, dependency: &Dependency, edges: &mut Edges) {
-        for word in dependency.on.iter().chain([&dependency.dependent]).filter(|word| !word.text.is_empty()) {
+        if dependency.dependent.text.is_empty() {
+            return;
+        }
+        for word in dependency.on.iter().chain([&dependency.dependent]) {
             // An application that could not be read is not missing, only not known.
             if self.all_read && !self.plan.applications.contains(&word.text) {
                 let names: Vec<&str> = self.plan.applications.iter().map(String::as_str).collect();

@@ -162,7 +162,13 @@ impl<'a> Builder<'a> {
         let name = start.name().0;
         let name_span = self.span_of(name);
         if self.root.is_some() {
-            self.error(name_span, format!("<{name}> stands behind the end of the root element"));
+            self.error(name_span, format!("<{name}> stands behind the end of the root element")).hint =
+                Some("a profile has one root element: put a second one into a file of its own".to_owned());
+            return false;
+        }
+        if name.is_empty() {
+            self.error(name_span, "< begins an element without a name").hint =
+                Some("where the character is meant, write it as &lt;".to_owned());
             return false;
         }
         self.elements += 1;

@@ -160,11 +160,26 @@ pub fn parents_of(name: &str) -> Vec<&'static str> {
     parents
 }
 
+/// Names of all elements that may hold an element called `name` with that attribute.
+#[must_use]
+pub fn parents_with(name: &str, attribute: &str) -> Vec<&'static str> {
+    let mut parents = Vec::new();
+    let has_it = |rule: &ElementRule| rule.attributes.iter().any(|known| known.name == attribute);
+    for root in ROOTS {
+        collect(root, &|child| child.name == name && has_it(child), &mut parents);
+    }
+    parents
+}
+
 fn collect_parents(rule: &'static ElementRule, name: &str, parents: &mut Vec<&'static str>) {
+    collect(rule, &|child| child.name == name && child.content != Content::Noise, parents);
+}
+
+fn collect(rule: &'static ElementRule, is_it: &impl Fn(&ElementRule) -> bool, parents: &mut Vec<&'static str>) {
     for (_, child) in rule.children {
-        if child.name == name && child.content != Content::Noise && !parents.contains(&rule.name) {
+        if is_it(child) && !parents.contains(&rule.name) {
             parents.push(rule.name);
         }
-        collect_parents(child, name, parents);
+        collect(child, is_it, parents);
     }
 }

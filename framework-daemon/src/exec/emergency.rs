@@ -89,7 +89,7 @@ pub fn raise(slot: &'static str, at_ns: u64) {
     // Where too many do so at the same moment, they have been told.
     let _ = ACTUATORS.visit(|actuators| actuators.iter().for_each(|actuator| actuator.signal.ring(Ring::Emergency)));
     if is_first {
-        // The fault manager sees to the rest.
+        // Not before they were told: a disk may let it wait, and what drives may not.
         latch::store();
     }
 }

@@ -11,7 +11,7 @@ use crate::model::fault::{Evidence, Fault, ShortText};
 use crate::model::lifecycle::{Event, State};
 use crate::model::symptom::Symptom;
 use crate::port::pattern::provider::Openness;
-use crate::sys::{clock, safe_outputs};
+use crate::sys::{clock, latch, safe_outputs};
 
 impl Member {
     /// Does what was asked; returns the state it is in then.
@@ -90,6 +90,8 @@ impl Member {
             }
         }
         let before = safe_outputs::write_of(self.slot.name);
+        // Whoever raised it may have lost the processor to this thread when it was told.
+        latch::store();
         self.stop(crew);
         let outputs = safe_outputs::write_of(self.slot.name).max(before);
         let (slot, state, at_ns) = (self.slot.name, self.state(), clock::now_ns());

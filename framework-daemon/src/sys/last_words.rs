@@ -8,7 +8,7 @@ use std::fmt::Write;
 use std::os::fd::{AsRawFd, BorrowedFd, IntoRawFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 
-use super::{clock, safe_outputs};
+use super::{clock, latch, safe_outputs};
 
 /// How the process ends, as the journal's record names it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,6 +88,9 @@ pub fn speak(death: &Death) {
             let sink = SINK.load(Ordering::Acquire);
             close_journal(sink);
             let outputs = safe_outputs::write_all(sink);
+            if latch::is_set() {
+                latch::store();
+            }
             record(death, outputs, own);
             SPOKEN.store(true, Ordering::Release);
         }

@@ -49,6 +49,7 @@ fn all_actuators_stop_it_is_latched_and_an_operator_clears_it() {
         assert_eq!(ask(&daemon, words).code, Some(7), "{words}");
     }
     assert_eq!(ask(&daemon, "component stop idle").code, Some(0), "to stop is always allowed");
+    assert_eq!(daemon.entries("emergency").len(), 3, "who is told twice stops once");
     let cleared = ask(&daemon, "fault clear");
     assert!(cleared.out.starts_with("the emergency stop for crash.segv of sensor (fault "), "{cleared:?}");
     assert_eq!((cleared.code, actuators_of(&cleared)), (Some(0), vec!["left: active", "right: active"]));

@@ -86,12 +86,18 @@ pub fn raise(slot: &'static str, at_ns: u64) {
     let is_first = latch::set();
     // Before those who are told tell what they did.
     tell(Notice::Raised { slot, at_ns, written_ns, outputs, is_first });
-    // Where too many do so at the same moment, they have been told.
-    let _ = ACTUATORS.visit(|actuators| actuators.iter().for_each(|actuator| actuator.signal.ring(Ring::Emergency)));
+    ring();
     if is_first {
         // Not before they were told: a disk may let it wait, and what drives may not.
         latch::store();
     }
+}
+
+/// Tells the actuators' executors; who has heard it is not disturbed. The fault manager does so again: the thread that raised it
+/// may have been given up in the middle.
+pub fn ring() {
+    // Where too many do so at the same moment, they are told by those.
+    let _ = ACTUATORS.visit(|actuators| actuators.iter().for_each(|actuator| actuator.signal.ring(Ring::Emergency)));
 }
 
 /// Tells whoever listens. A full queue loses the line, not the stop.

@@ -81,6 +81,11 @@ impl Member {
     /// word.
     pub fn emergency_stop(&mut self, crew: &mut Crew) {
         let state = self.state();
+        // Taken back before it was heard; or heard before.
+        let Some(since_ns) = latch::since_ns() else { return };
+        if std::mem::replace(&mut self.stopped_ns, since_ns) == since_ns && state != State::Active {
+            return;
+        }
         self.end_wait(crew);
         let is_sound = self.unit.as_ref().is_some_and(|unit| !unit.spent);
         if is_sound && matches!(state, State::Active | State::Error) {

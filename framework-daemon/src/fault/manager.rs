@@ -314,8 +314,11 @@ impl Desk {
 
     /// What is told of the emergency stop waits for the fault that it was raised for.
     fn note(&mut self, notice: Notice) {
-        if matches!(notice, Notice::Raised { is_first: true, .. }) {
-            self.latch.tell(None);
+        if let Notice::Raised { is_first, .. } = notice {
+            emergency::ring();
+            if is_first {
+                self.latch.tell(None);
+            }
         }
         self.notices.push(notice);
         self.tell_notices();

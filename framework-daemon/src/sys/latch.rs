@@ -102,7 +102,13 @@ pub fn store() {
 /// True while it is latched.
 #[must_use]
 pub fn is_set() -> bool {
-    LATCH.load(Ordering::SeqCst) != 0
+    since_ns().is_some()
+}
+
+/// When it was latched; `None`: it is not.
+#[must_use]
+pub fn since_ns() -> Option<u64> {
+    Some(LATCH.load(Ordering::SeqCst)).filter(|since_ns| *since_ns != 0)
 }
 
 /// It was latched, and is not any more.

@@ -24,6 +24,7 @@ use crate::model::limits::{CHECKPOINT_FILE_BYTES, CHECKPOINT_TRIES};
 use crate::sys::clock;
 use crate::sys::copy::Sum;
 use crate::sys::mapping::{Mapping, PAGE};
+use crate::sys::place::suffixed;
 
 /// The file of checkpoints of this run.
 #[derive(Debug)]
@@ -176,12 +177,6 @@ pub fn beside(journal: &Path) -> PathBuf {
 
 fn new_name(path: &Path) -> PathBuf {
     suffixed(path, ".new")
-}
-
-fn suffixed(path: &Path, suffix: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(suffix);
-    name.into()
 }
 
 fn open(path: &Path, truncate: bool) -> io::Result<File> {

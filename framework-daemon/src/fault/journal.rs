@@ -7,7 +7,7 @@
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::os::fd::{AsFd, BorrowedFd};
-use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -18,7 +18,7 @@ use serde_json::{Map, Value};
 
 use crate::model::fault::{Evidence, FaultEvent, Stage};
 use crate::plugin::symbols::Origin;
-use crate::sys::{clock, last_words};
+use crate::sys::{clock, last_words, place};
 
 /// An open journal.
 #[derive(Debug)]
@@ -155,7 +155,7 @@ impl Journal {
 
     fn append(&mut self, object: &Map<String, Value>) -> io::Result<()> {
         let mut line = seal(object)?;
-        if self.is_claimed && !self.is_in_place() {
+        if self.is_claimed && !place::holds(&self.path, &self.file) {
             self.go_on_in_place();
         }
         if self.torn {
@@ -168,11 +168,6 @@ impl Journal {
 }
 
 impl Journal {
-    fn is_in_place(&self) -> bool {
-        let both = std::fs::metadata(&self.path).and_then(|there| Ok((there, self.file.metadata()?)));
-        both.is_ok_and(|(there, here)| (there.dev(), there.ino()) == (here.dev(), here.ino()))
-    }
-
     /// Somebody moved the file away, to keep it or to make room: a new one of the same name takes over, under the same
     /// descriptors. Where none can be made the old one goes on.
     fn go_on_in_place(&mut self) {

@@ -15,6 +15,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use serde_json::{Value, json};
 
 use super::clock;
+use super::place::suffixed;
 
 /// The file.
 mod file;
@@ -34,9 +35,7 @@ static ACTUATORS: Mutex<Vec<&'static str>> = Mutex::new(Vec::new());
 /// Where it is kept for a daemon with that journal.
 #[must_use]
 pub fn beside(journal: &Path) -> PathBuf {
-    let mut name = journal.as_os_str().to_owned();
-    name.push(".emergency");
-    name.into()
+    suffixed(journal, ".emergency")
 }
 
 fn kept() -> MutexGuard<'static, Option<Kept>> {

@@ -57,6 +57,9 @@ pub mod lookout;
 /// Memory that may not be there.
 pub mod peek;
 
+/// Where the files of a run lie.
+pub mod place;
+
 /// A part of a file as memory.
 pub mod mapping;
 

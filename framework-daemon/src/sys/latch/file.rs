@@ -3,9 +3,10 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
+use super::super::place;
 use super::record::{self, Record};
 
 /// What the run before left.
@@ -90,7 +91,7 @@ impl Kept {
     /// When it cannot be written; [`Self::failure`] has it, too.
     pub(super) fn say(&mut self, latched: bool) -> io::Result<()> {
         let bytes = record::encode(&self.record, latched);
-        let result = match self.file.as_ref().filter(|file| self.is_in_place(file)) {
+        let result = match self.file.as_ref().filter(|file| place::holds(&self.path, file)) {
             Some(file) => over(file, &bytes),
             None => self.anew(&bytes),
         };
@@ -98,16 +99,9 @@ impl Kept {
         result
     }
 
-    fn is_in_place(&self, file: &File) -> bool {
-        let both = std::fs::metadata(&self.path).and_then(|there| Ok((there, file.metadata()?)));
-        both.is_ok_and(|(there, here)| (there.dev(), there.ino()) == (here.dev(), here.ino()))
-    }
-
     /// Under another name first: whoever looks finds the one before or this one, whole.
     fn anew(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let mut name = self.path.as_os_str().to_owned();
-        name.push(".new");
-        let new = PathBuf::from(name);
+        let new = place::suffixed(&self.path, ".new");
         let made = make(&new, bytes).and_then(|file| std::fs::rename(&new, &self.path).map(|()| file));
         let file = made.inspect_err(|_| _ = std::fs::remove_file(&new))?;
         self.file = Some(file);

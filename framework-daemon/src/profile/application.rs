@@ -224,6 +224,7 @@ fn subcomponent(element: &Element, report: &mut Reporter) -> Option<Subcomponent
     let fault_tolerance = element.child("fault_tolerance").map(|rules| fault_rules::read(rules, report));
     let overrides = component::properties(element, report);
     let name = element.child("name")?;
+    doubt_name(name, report);
     let reference = element.child("reference").cloned().unwrap_or_default();
     let properties = element.grandchildren("properties", "property");
     let spots: Vec<(String, Spot)> =
@@ -242,6 +243,16 @@ fn subcomponent(element: &Element, report: &mut Reporter) -> Option<Subcomponent
         fault_tolerance,
     })
     .filter(|slot| !slot.name.text.is_empty())
+}
+
+/// A name that cannot be written where slots are named: in lists, before a port, before a symptom.
+fn doubt_name(name: &Element, report: &mut Reporter) {
+    let is_odd = |letter: char| letter.is_whitespace() || matches!(letter, '.' | ':' | '@');
+    if let Some(odd) = name.text.chars().find(|letter| is_odd(*letter)) {
+        let message =
+            format!("the name \"{}\" has a {odd:?}, which ends a name in lists, `slot.port` and `--inject`", name.text);
+        report.warning(name.text_span, message).hint = Some("use letters, digits, - and _".to_owned());
+    }
 }
 
 fn connection(element: &Element, report: &mut Reporter) -> Option<Connection> {

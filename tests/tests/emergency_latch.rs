@@ -152,6 +152,23 @@ fn a_file_that_somebody_removed_is_made_anew() {
 }
 
 #[test]
+fn a_file_that_somebody_removed_between_two_runs_is_missed() {
+    let robot = robot(RULES, "");
+    let daemon = run(&robot, RAISE);
+    raised(&robot, &daemon);
+    killed(daemon);
+    fs::remove_file(file(&robot)).unwrap();
+    let before = driven(&robot);
+    let daemon = run(&robot, &[]);
+    daemon.wait_for("nobody can tell whether the run before left it latched: ");
+    assert!(is_latched(&daemon) && driven(&robot) == before);
+    assert_eq!(ask(&daemon, "fault clear").code, Some(0));
+    killed(daemon);
+    fs::remove_file(file(&robot)).unwrap();
+    assert!(!is_latched(&run(&robot, &[])), "it was taken back");
+}
+
+#[test]
 fn where_it_cannot_be_kept_that_is_told_and_tried_again() {
     let robot = robot(RULES, "");
     let daemon = run(&robot, RAISE);
@@ -209,6 +226,13 @@ fn what_was_an_actuator_then_is_held_whatever_the_profiles_say_now() {
     assert_eq!(driven(&robot), before);
     killed(daemon);
     let other = self::robot("", "");
+    let nobody = self::robot("", "");
+    nobody.profiles.write("system.xml", "<system_profile><name>s</name></system_profile>");
+    nobody.profiles.replace("app.xml", ">left<", ">port<");
+    nobody.profiles.replace("app.xml", ">right<", ">star<");
+    let daemon = Running::spawn_on(&journal(&robot), nobody.profiles.path(), &[]).ready();
+    assert!(ask(&daemon, "status").out.contains("no slot of these profiles is an actuator"), "{}", daemon.log());
+    killed(daemon);
     other.profiles.replace("app.xml", ">left<", ">port<");
     other.profiles.replace("system.xml", "\"left\"", "\"port\"");
     let daemon = Running::spawn_on(&journal(&robot), other.profiles.path(), &[]).ready();

@@ -1,5 +1,7 @@
 //! How the last run on this journal ended, as far as its last line tells; and the emergency stop that it left latched.
 
+use std::sync::PoisonError;
+
 use serde_json::{Map, Value, json};
 
 use super::{Settings, note};
@@ -45,7 +47,9 @@ pub(super) fn record(settings: &Settings, plan: &Plan) -> Record {
 /// then are so in this run, whatever its profiles say: somebody may have changed them meanwhile, and the robot is the same.
 pub(super) fn restore_latch(settings: &Settings, plan: &mut Plan, journal: &SharedJournal) {
     let path = latch::beside(&settings.journal);
-    let left = latch::keep(&path, record(settings, plan), settings.fresh);
+    // What the journal still tells of nobody removes by removing a file.
+    let missed = journal.lock().unwrap_or_else(PoisonError::into_inner).leaves_emergency();
+    let left = latch::keep(&path, record(settings, plan), missed, settings.fresh);
     let (told, record) = match &left {
         Left::Free => return,
         Left::Latched(record) => (of_record(record), Some(record)),

@@ -29,6 +29,7 @@ pub struct Journal {
     /// The last line is incomplete: the next one must not be glued to it.
     torn: bool,
     last: Option<Value>,
+    leaves_emergency: bool,
     is_claimed: bool,
 }
 
@@ -44,7 +45,15 @@ impl Journal {
         let file = open(path)?;
         let tail = tail(&file)?;
         let torn = !tail.is_empty() && !tail.ends_with('\n');
-        Ok(Self { file, path: path.to_owned(), sequence: 0, torn, last: last_line(&tail), is_claimed: false })
+        Ok(Self {
+            file,
+            path: path.to_owned(),
+            sequence: 0,
+            torn,
+            last: last_line(&tail),
+            leaves_emergency: leaves_emergency(&tail),
+            is_claimed: false,
+        })
     }
 
     /// Takes it for this process alone, as long as that lives: what lies beside it is this run's, too. From now on it follows its
@@ -99,6 +108,12 @@ impl Journal {
     #[must_use]
     pub const fn last(&self) -> Option<&Value> {
         self.last.as_ref()
+    }
+
+    /// True where its last lines tell of an emergency stop that nobody took back.
+    #[must_use]
+    pub const fn leaves_emergency(&self) -> bool {
+        self.leaves_emergency
     }
 
     /// The number of a line that is written later.
@@ -249,6 +264,16 @@ fn last_line(tail: &str) -> Option<Value> {
     tail.split_inclusive('\n').rfind(|line| line.ends_with('\n')).and_then(unseal)
 }
 
+fn leaves_emergency(tail: &str) -> bool {
+    let told =
+        tail.lines().rev().filter_map(unseal).find_map(|line| match line.get("kind").and_then(Value::as_str)? {
+            "clear" => Some(false),
+            "emergency" => Some(line.get("step").and_then(Value::as_str) != Some("forgotten")),
+            _ => None,
+        });
+    told.unwrap_or(false)
+}
+
 impl AsFd for Journal {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.file.as_fd()
@@ -309,6 +334,25 @@ mod tests {
         assert!(unseal(text.lines().last().unwrap()).is_some(), "{text}");
         assert_eq!(Journal::open(&path).unwrap().last().unwrap()["kind"], "start");
         assert!(Journal::open(directory.path()).is_err());
+    }
+
+    #[test]
+    fn an_emergency_stop_that_nobody_took_back_is_seen() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("journal.jsonl");
+        let mut journal = Journal::open(&path).unwrap();
+        let seen = || Journal::open(&path).unwrap().leaves_emergency();
+        let step = |step: &str| Map::from_iter([("step".into(), step.into())]);
+        assert!(!seen());
+        journal.note("emergency", step("raised")).unwrap();
+        journal.note("stop", Map::new()).unwrap();
+        assert!(seen());
+        journal.note("clear", Map::new()).unwrap();
+        assert!(!seen());
+        journal.note("emergency", step("restored")).unwrap();
+        assert!(seen());
+        journal.note("emergency", step("forgotten")).unwrap();
+        assert!(!seen());
     }
 
     proptest! {

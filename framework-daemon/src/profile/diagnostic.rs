@@ -52,6 +52,8 @@ pub struct Diagnostic {
     pub location: Location,
     /// The source line and the caret; empty where the whole file is meant.
     pub excerpt: Excerpt,
+    /// How many findings it stands for that are not shown.
+    hidden: usize,
 }
 
 impl Diagnostic {
@@ -59,14 +61,14 @@ impl Diagnostic {
     #[must_use]
     pub fn at(level: Level, source: &Source, span: Span, message: impl Into<String>) -> Self {
         let (excerpt, location) = (source.excerpt(span), source.location(span));
-        Self { level, message: message.into(), hint: None, location, excerpt }
+        Self { level, message: message.into(), hint: None, location, excerpt, hidden: 0 }
     }
 
     /// A finding about a file as a whole.
     #[must_use]
     pub fn of_file(level: Level, path: &Path, message: impl Into<String>) -> Self {
         let location = Location { file: Arc::new(path.to_path_buf()), line: 0, column: 0 };
-        Self { level, message: message.into(), hint: None, location, excerpt: Excerpt::default() }
+        Self { level, message: message.into(), hint: None, location, excerpt: Excerpt::default(), hidden: 0 }
     }
 
     /// The same with a way out; an empty one is none.
@@ -229,7 +231,8 @@ impl Reporter {
         if self.hidden > 0 {
             let message = format!("{} more findings in this file are not shown", self.hidden);
             let hint = "correct some of them and check again";
-            self.findings.push(Diagnostic::of_file(self.beyond.level, self.source.path(), message).with_hint(hint));
+            let told = Diagnostic::of_file(self.beyond.level, self.source.path(), message).with_hint(hint);
+            self.findings.push(Diagnostic { hidden: self.hidden, ..told });
         }
         self.findings
     }
@@ -268,10 +271,13 @@ pub fn tidy(diagnostics: &mut Vec<Diagnostic>, rank: impl Fn(&Path) -> usize) {
         clip(&mut found.message);
         found.hint.iter_mut().for_each(clip);
     }
-    let beyond = diagnostics.len().saturating_sub(limits::DIAGNOSTICS);
-    if beyond == 0 {
+    let shown = diagnostics.iter().filter(|found| found.hidden == 0).count();
+    if shown <= limits::DIAGNOSTICS {
         return;
     }
+    let hidden: usize = diagnostics.iter().map(|found| found.hidden).sum();
+    let beyond = shown - limits::DIAGNOSTICS + hidden;
+    diagnostics.retain(|found| found.hidden == 0);
     // Errors must not be cut away behind notes, or a refused profile would look accepted.
     diagnostics.sort_by_key(|found| found.level);
     diagnostics.truncate(limits::DIAGNOSTICS);

@@ -54,9 +54,9 @@ impl Kept {
 }
 
 /// Keeps the latch in that file from now on, for a run that `own` describes; returns what the run before left. What is latched
-/// there is latched, and so is what nobody can read; `forget`: it is not, and [`describe`] takes it from the file.
-pub fn keep(path: &Path, own: Record, forget: bool) -> Left {
-    let (file, left) = Kept::open(path, own);
+/// there is latched, and so is what nobody can read, or what is `missed`; `forget`: it is not, and [`describe`] takes it from the file.
+pub fn keep(path: &Path, own: Record, missed: bool, forget: bool) -> Left {
+    let (file, left) = Kept::open(path, own, missed);
     *kept() = Some(file);
     if left != Left::Free && !forget {
         let _ = set();
@@ -155,7 +155,8 @@ pub fn failure() -> Option<String> {
 pub fn view() -> Value {
     let kept = kept();
     let Some(kept) = kept.as_ref() else { return Value::Null };
-    let mut view = json!({"file": kept.path().to_string_lossy(), "kept": kept.failure.is_none()});
+    let holds = ACTUATORS.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    let mut view = json!({"file": kept.path().to_string_lossy(), "kept": kept.failure.is_none(), "actuators": holds});
     if let Some(failure) = &kept.failure {
         view["failure"] = failure.as_str().into();
     }

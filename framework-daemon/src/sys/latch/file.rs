@@ -32,13 +32,13 @@ pub(super) struct Kept {
 }
 
 impl Kept {
-    /// Opens the file, or makes it; what it says stays.
-    pub(super) fn open(path: &Path, own: Record) -> (Self, Left) {
+    /// Opens the file, or makes it; what it says stays. `missed`: where there is none, there should be one.
+    pub(super) fn open(path: &Path, own: Record, missed: bool) -> (Self, Left) {
         let mut kept = Self { path: path.to_owned(), file: None, record: own, failure: None };
         // A link that leads nowhere is there, too.
         if path.symlink_metadata().is_err_and(|error| error.kind() == io::ErrorKind::NotFound) {
-            let _ = kept.say(false);
-            return (kept, Left::Free);
+            let _ = kept.say(missed);
+            return (kept, if missed { Left::Unknown("somebody removed it".to_owned()) } else { Left::Free });
         }
         let left = kept.read().unwrap_or_else(|error| Left::Unknown(error.to_string()));
         match &left {
@@ -141,30 +141,37 @@ mod tests {
     #[test]
     fn what_is_said_is_found_and_a_shout_suffices() {
         let (_directory, path) = scratch();
-        let (mut kept, left) = Kept::open(&path, own());
+        let (mut kept, left) = Kept::open(&path, own(), false);
         assert_eq!((left, kept.failure.as_deref()), (Left::Free, None));
-        assert_eq!(Kept::open(&path, own()).1, Left::Free);
+        assert_eq!(Kept::open(&path, own(), false).1, Left::Free);
         kept.shout();
-        assert_eq!(Kept::open(&path, own()).1, Left::Latched(own()));
+        assert_eq!(Kept::open(&path, own(), false).1, Left::Latched(own()));
         let cause = Cause { slot: "motors".into(), symptom: "crash.segv".into(), fault: 3, wall: 1.5 };
         kept.record.cause = Some(cause);
         kept.say(true).unwrap();
-        assert_eq!(Kept::open(&path, Record::default()).1, Left::Latched(kept.record.clone()));
+        assert_eq!(Kept::open(&path, Record::default(), false).1, Left::Latched(kept.record.clone()));
         kept.say(false).unwrap();
-        assert_eq!(Kept::open(&path, own()).1, Left::Free);
+        assert_eq!(Kept::open(&path, own(), false).1, Left::Free);
+    }
+
+    #[test]
+    fn one_that_is_missed_counts_as_latched() {
+        let (_directory, path) = scratch();
+        assert!(matches!(Kept::open(&path, own(), true).1, Left::Unknown(_)));
+        assert_eq!(Kept::open(&path, own(), true).1, Left::Latched(own()));
     }
 
     #[test]
     fn what_somebody_removed_or_replaced_is_made_anew() {
         let (_directory, path) = scratch();
-        let (mut kept, _) = Kept::open(&path, own());
+        let (mut kept, _) = Kept::open(&path, own(), false);
         std::fs::remove_file(&path).unwrap();
         kept.say(true).unwrap();
-        assert_eq!(Kept::open(&path, own()).1, Left::Latched(own()));
+        assert_eq!(Kept::open(&path, own(), false).1, Left::Latched(own()));
         std::fs::remove_file(&path).unwrap();
         std::fs::write(&path, "other").unwrap();
         kept.say(true).unwrap();
-        assert_eq!(Kept::open(&path, own()).1, Left::Latched(own()));
+        assert_eq!(Kept::open(&path, own(), false).1, Left::Latched(own()));
     }
 
     #[test]
@@ -172,17 +179,17 @@ mod tests {
         let (directory, path) = scratch();
         for text in ["", "{", "{\"latched\":0}", "not latched"] {
             std::fs::write(&path, text).unwrap();
-            assert!(matches!(Kept::open(&path, own()).1, Left::Unknown(_)), "{text:?}");
+            assert!(matches!(Kept::open(&path, own(), false).1, Left::Unknown(_)), "{text:?}");
         }
         std::fs::remove_file(&path).unwrap();
         std::os::unix::fs::symlink(directory.path().join("nowhere"), &path).unwrap();
-        assert!(matches!(Kept::open(&path, own()).1, Left::Unknown(_)));
+        assert!(matches!(Kept::open(&path, own(), false).1, Left::Unknown(_)));
         std::fs::remove_file(&path).unwrap();
         nix::unistd::mkfifo(&path, nix::sys::stat::Mode::S_IRUSR | nix::sys::stat::Mode::S_IWUSR).unwrap();
-        assert_eq!(Kept::open(&path, own()).1, Left::Unknown("it is no regular file".into()));
+        assert_eq!(Kept::open(&path, own(), false).1, Left::Unknown("it is no regular file".into()));
         std::fs::remove_file(&path).unwrap();
         std::fs::create_dir(&path).unwrap();
-        let (mut kept, left) = Kept::open(&path, own());
+        let (mut kept, left) = Kept::open(&path, own(), false);
         assert!(matches!(left, Left::Unknown(_)), "{left:?}");
         assert!(kept.say(false).is_err() && kept.failure.is_some(), "a directory is not replaced");
     }
@@ -190,12 +197,12 @@ mod tests {
     #[test]
     fn where_none_can_be_made_it_is_free_and_says_so() {
         let (_directory, path) = scratch();
-        let (mut kept, left) = Kept::open(&path.join("deep"), own());
+        let (mut kept, left) = Kept::open(&path.join("deep"), own(), false);
         assert_eq!(left, Left::Free);
         assert!(kept.failure.is_some());
         std::fs::create_dir(&path).unwrap();
         kept.say(true).unwrap();
         assert_eq!(kept.failure, None, "tried again it is kept");
-        assert_eq!(Kept::open(&path.join("deep"), own()).1, Left::Latched(own()));
+        assert_eq!(Kept::open(&path.join("deep"), own(), false).1, Left::Latched(own()));
     }
 }

@@ -30,6 +30,9 @@ pub mod profiles;
 /// A daemon that runs.
 pub mod running;
 
+/// A robot with three sonars and a voter.
+pub mod sonars;
+
 /// A long life under fault load.
 pub mod soak;
 

@@ -1,59 +1,10 @@
 //! A voter whose members do not agree: its own rule answers, whoever depends on it stops, and returns when enough agree again.
 
-use serde_json::Value;
 use tempfile::TempDir;
 use tests::asking::{ask, check, graph};
-use tests::profiles::{Profiles, application, plugin_dir, slot};
+use tests::profiles::{Profiles, application, slot};
 use tests::running::Running;
-
-const SONARS: [&str; 3] = ["left", "middle", "right"];
-
-/// Three sonars that measure as these scripts say, with rules of their own, a voter called `sonar`, and whatever else.
-fn robot(scripts: [&str; 3], rules: &str, voting: &str, slots: &[String], connections: &[&str]) -> Profiles {
-    let sonar = |(name, script): (&str, &str)| {
-        let properties =
-            format!("<properties><property name=\"script\" type=\"std::string\">{script}</property></properties>");
-        slot(name, "Wave", &(properties + rules))
-    };
-    let mut all: Vec<String> = SONARS.into_iter().zip(scripts).map(sonar).collect();
-    all.extend(slots.iter().cloned());
-    let profiles = Profiles::new(&application(&all, connections));
-    for plugin in ["libsignals.so", "libhostile.so"] {
-        profiles.describe(&plugin_dir().join(plugin));
-    }
-    let voting = format!(
-        "<voting name=\"sonar\" inputs=\"left middle right\" field=\"distance\" tolerance=\"5\" {voting}</voting>\n\
-         </application_profile>"
-    );
-    profiles.replace("app.xml", "</application_profile>", &voting);
-    profiles
-}
-
-fn needs(profiles: &Profiles, component: &str, on: &str) {
-    let text = format!("<dependency component=\"{component}\" on=\"{on}\"/>\n</application_profile>");
-    profiles.replace("app.xml", "</application_profile>", &text);
-}
-
-fn of(daemon: &Running, kind: &str, slot: &str) -> Vec<Value> {
-    daemon.entries(kind).into_iter().filter(|entry| entry["slot"] == slot).collect()
-}
-
-/// The fault that one comes of, or its own number: where a member leaps before the others, it is outvoted first.
-fn root(fault: &Value) -> Value {
-    let cause = &fault["diagnosis"]["consequence_of"];
-    if cause.is_null() { fault["seq"].clone() } else { cause.clone() }
-}
-
-/// State and reason of a slot.
-fn state(daemon: &Running, slot: &str) -> (String, Option<String>) {
-    let status = ask(daemon, "status --format json").json().remove(0);
-    let found = status["slots"].as_array().unwrap().iter().find(|each| each["slot"] == slot).cloned().unwrap();
-    (found["state"].as_str().unwrap().to_owned(), found["reason"].as_str().map(str::to_owned))
-}
-
-fn voter(daemon: &Running) -> Value {
-    ask(daemon, "status --format json").json().remove(0)["helpers"][0].clone()
-}
+use tests::sonars::{SONARS, line, needs, of, robot, root, state, voter, with_brakes};
 
 #[test]
 fn who_depends_on_a_voter_stops_where_too_few_agree_and_returns_in_order() {
@@ -137,31 +88,6 @@ fn a_voter_without_a_severity_stops_nobody() {
     assert_eq!(state(&daemon, "reader").0, "active");
     daemon.stop();
     assert_eq!(daemon.entries("held").len(), 0);
-}
-
-/// The same, with brakes that write to lines of their own, and depend on the voter by nothing.
-fn with_brakes(scripts: [&str; 3], place: &TempDir) -> Profiles {
-    let brake = |name: &str| {
-        let path = place.path().join(name).display().to_string();
-        slot(
-            name,
-            "Brake",
-            &format!("<properties><property name=\"line\" type=\"string\">{path}</property></properties>"),
-        )
-    };
-    let slots = [brake("wheels"), brake("arm")];
-    let profiles = robot(scripts, "", "max_age=\"300ms\"><severity symptom=\"vote\">emergency</severity>", &slots, &[]);
-    profiles.write(
-        "system.xml",
-        "<system_profile><name>robot</name><emergency><actuator component=\"wheels\"/><actuator component=\"arm\"/>\
-         </emergency></system_profile>",
-    );
-    profiles
-}
-
-fn line(place: &TempDir, name: &str) -> Vec<String> {
-    let text = std::fs::read_to_string(place.path().join(name)).unwrap_or_default();
-    text.lines().map(str::to_owned).collect()
 }
 
 #[test]

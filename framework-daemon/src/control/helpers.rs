@@ -23,7 +23,7 @@ fn voter(Inserted { plan, helper, .. }: &Inserted<VotingPlan, Voter>) -> Value {
     let last = tally.last.map(|vote| vote.outcome);
     json!({"helper": helper.parts().name, "kind": "voter", "of": plan.inputs.iter().map(full).collect::<Vec<_>>(),
         "field": plan.field, "method": plan.method, "tolerance": plan.tolerance, "require": plan.require,
-        "severity": plan.severity, "falls_short": helper.falls_short(), "votes": tally.votes, "winner": last.and_then(|last| last.winner).map(|(_, value)| value),
+        "severity": plan.severity, "falls_short": helper.falls_short(), "agrees": helper.agrees(), "votes": tally.votes, "winner": last.and_then(|last| last.winner).map(|(_, value)| value),
         "agreeing": last.map(|last| named(last.agreeing)).unwrap_or_default(),
         "outvoted": last.map(|last| named(last.minority)).unwrap_or_default()})
 }
@@ -53,7 +53,11 @@ pub fn lines(helpers: &[Value]) -> Vec<String> {
                 shown("votes"),
                 helper["agreeing"].as_array().map_or(0, Vec::len),
                 shown("outvoted"),
-                if helper["falls_short"] == true { "; TOO FEW AGREE" } else { "" }
+                match (&helper["falls_short"], &helper["agrees"]) {
+                    (Value::Bool(true), _) => "; TOO FEW AGREE",
+                    (_, Value::Bool(false)) => "; they have not agreed yet",
+                    _ => "",
+                }
             ),
             _ => format!(
                 "model {} of {}: {}, model {}, difference {} of at most {}",

@@ -30,8 +30,10 @@ pub struct Poll {
     outvoted: Members,
     /// Left out of the last vote because they said nothing.
     silent: Members,
-    /// Too few agreed in the last vote.
+    /// Too few agreed in the last vote, which was told.
     few: bool,
+    /// Enough agreed in the last vote.
+    agrees: bool,
     /// There was a vote.
     has_begun: bool,
     /// When it was voted last, or looked who is silent, or members were expected first.
@@ -74,6 +76,7 @@ impl Poll {
             outvoted: Members::default(),
             silent: Members::default(),
             few: false,
+            agrees: false,
             has_begun: false,
             looked_ns: None,
             pardon_ns: 0,
@@ -120,10 +123,16 @@ impl Poll {
         self.pardon_ns = now_ns.saturating_add(self.demand.max_age_ns);
     }
 
-    /// Too few agreed when it was voted or looked last.
+    /// Too few agreed when it was voted or looked last, and that was not forgiven.
     #[must_use]
     pub const fn is_few(&self) -> bool {
         self.few
+    }
+
+    /// Enough agreed when it was voted last. Not so before the first vote, when nobody knows yet; nor by being forgiven.
+    #[must_use]
+    pub const fn agrees(&self) -> bool {
+        self.agrees
     }
 
     /// When to [`look`](Self::look) next, if nobody delivers until then; `None`: nobody is expected, or all are known to be
@@ -146,7 +155,9 @@ impl Poll {
         let (values, silent) = self.present(now_ns);
         let outcome = vote(self.demand.method, self.demand.tolerance, &values[..self.members]);
         let (fell_silent, spoke) = self.changes(silent);
-        let falls_short = !self.few && now_ns >= self.pardon_ns && outcome.agreeing.count() < self.demand.require;
+        let is_short = outcome.agreeing.count() < self.demand.require;
+        let falls_short = is_short && !self.few && now_ns >= self.pardon_ns;
+        self.agrees &= !is_short;
         (self.silent, self.few, self.looked_ns) = (silent, self.few || falls_short, Some(now_ns));
         self.expect(now_ns);
         let (fell_out, came_back) = (Members::default(), Members::default());
@@ -212,7 +223,7 @@ impl Poll {
         result.fell_out.iter().for_each(|member| self.outvoted.add(member));
         result.came_back.iter().for_each(|member| self.outvoted.remove(member));
         (self.silent, self.few, self.fresh, self.has_begun) = (silent, few, Members::default(), true);
-        self.looked_ns = Some(now_ns);
+        (self.looked_ns, self.agrees) = (Some(now_ns), !falls_short);
         result
     }
 }
@@ -331,12 +342,28 @@ mod tests {
     }
 
     #[test]
+    fn nobody_agrees_before_the_first_vote_and_by_looking() {
+        let mut poll = poll(2);
+        assert!(!poll.agrees() && !poll.is_few());
+        poll.expect(0);
+        assert_eq!((poll.deliver(0, 1.0, 50), poll.deliver(1, 1.0, 50)), (None, None));
+        assert!(!poll.agrees(), "two of three, but there was no vote");
+        assert_eq!(poll.look(101).map(|vote| vote.few), Some(None));
+        assert!(!poll.agrees());
+        assert_eq!(poll.deliver(0, 1.0, 102).and_then(|vote| vote.passes), Some(0));
+        assert!(poll.agrees());
+        assert_eq!(poll.deliver(0, 9.0, 103), None);
+        assert_eq!(poll.deliver(0, 9.0, 104).and_then(|vote| vote.few), Some(true));
+        assert!(!poll.agrees());
+    }
+
+    #[test]
     fn what_is_forgiven_is_told_anew_when_its_time_is_over() {
         let mut poll = poll(2);
         round(&mut poll, [1.0; 3], 0);
         assert_eq!(poll.look(101).and_then(|vote| vote.few), Some(true));
         poll.forgive(1_000);
-        assert!(!poll.is_few());
+        assert!(!poll.is_few() && !poll.agrees(), "that it is forgiven makes nobody agree");
         let vote = poll.deliver(0, 1.0, 1_050).unwrap();
         assert_eq!((vote.few, vote.passes), (None, None), "it has time, but nothing passes");
         assert_eq!(poll.deliver(0, 1.0, 1_100).and_then(|vote| vote.few), Some(true));
@@ -372,6 +399,7 @@ mod tests {
                 let is_look = delivered.is_none();
                 let Some(vote) = delivered.unwrap_or_else(|| poll.look(now)) else { continue };
                 prop_assert_eq!(vote.passes.is_some(), !is_look && vote.outcome.agreeing.count() >= require);
+                prop_assert!(is_look || poll.agrees() == vote.passes.is_some());
                 prop_assert!(!(is_look && vote.few == Some(false)));
                 for (changes, state) in [(vote.fell_out, true), (vote.came_back, false)] {
                     for member in changes.iter() {
@@ -390,6 +418,7 @@ mod tests {
                     few = now_few;
                 }
                 prop_assert_eq!(few, poll.is_few());
+                prop_assert!(!(few && poll.agrees()));
             }
         }
 

@@ -65,6 +65,15 @@ impl Refused {
         ))
     }
 
+    /// Whether enough of these members of a voter agree is not known yet.
+    pub(super) fn without_vote(voter: &str, require: usize, members: &[&str]) -> Self {
+        let members = members.join(", ");
+        Self::Other(format!(
+            "the emergency stop stays: {require} of {members} must agree, and the voter `{voter}` has not heard that yet in this \
+             run; its slots can be reset and started meanwhile"
+        ))
+    }
+
     pub(super) fn sound(slot: &str, state: State) -> Self {
         let state = state.name();
         Self::Other(format!(

@@ -2,9 +2,9 @@
 //!
 //! A voter has no executor that would answer it, and no instance that could be reset. The emergency stop it raised itself; here
 //! those that depend on it are stopped, and return when enough agree again. While a voter whose rule is the emergency stop
-//! falls short, that is not taken back: whoever looks sees to its members first, and for that these may be started and reset
-//! although it is latched. Unless too few of them can work at all without the actuators: then it is taken back, and the
-//! voter's members have the time again in which each may be silent.
+//! falls short, or did not vote yet in this run, that is not taken back: whoever looks sees to its members first, and for that
+//! all that it hears may be started and reset although it is latched, until all of it runs. Unless too few of its members can
+//! work at all without the actuators: then it is taken back, and they have the time again in which each may be silent.
 
 use std::sync::Arc;
 
@@ -69,27 +69,33 @@ impl Handler {
         }
     }
 
-    /// True of a slot that may be started or reset although the emergency stop is latched: a voter waits for what it says.
+    /// True of a slot that may be started or reset although the emergency stop is latched: a voter that raises it lacks what it
+    /// says. As long as one of its sources does not run: where two of three agree, the third one is to come back as well.
     pub(super) fn is_missed(&self, cast: &Cast, slot: Number) -> bool {
-        let mut voters = cast.short_voters();
-        !cast.graph.nodes()[slot].is_actuator && voters.any(|(voter, _)| cast.graph.sources(voter)[slot])
+        let is_missed_by = |(number, voter): (Number, &Arc<Voter>)| {
+            let sources = cast.graph.sources(number);
+            let lacks = |source: Number| sources[source] && !self.situation.runs(source);
+            sources[slot] && (!voter.agrees() || (0..cast.graph.slots()).any(lacks))
+        };
+        !cast.graph.nodes()[slot].is_actuator && cast.emergency_voters().any(is_missed_by)
     }
 
-    /// As long as a voter falls short whose members could work, the emergency stop is not taken back.
+    /// As long as members of a voter do not agree that could work, the emergency stop is not taken back.
     pub(super) fn refuse_while_voters_fall_short(&self) -> Result<(), Refused> {
         let Some(cast) = self.cast.as_ref().filter(|_| emergency::latched()) else { return Ok(()) };
-        let mut voters = cast.short_voters();
+        let mut voters = cast.voters_without_vote();
         voters.find(|(voter, _)| has_members_enough(&cast.graph, *voter)).map_or(Ok(()), |(_, voter)| {
             let Parts { name, demand, members, .. } = voter.parts();
             let members: Vec<&str> = members.iter().map(|member| member.port.as_str()).collect();
-            Err(Refused::short(name, demand.require, &members))
+            let refused = if voter.falls_short() { Refused::short } else { Refused::without_vote };
+            Err(refused(name, demand.require, &members))
         })
     }
 
-    /// The emergency stop is taken back: what falls short by then begins anew.
+    /// The emergency stop is taken back: where not enough members agree by then, they begin anew.
     pub(super) fn forgive_voters(&mut self) {
         let now_ns = clock::now_ns();
-        for (number, voter) in self.cast.iter().flat_map(Cast::short_voters) {
+        for (number, voter) in self.cast.iter().flat_map(Cast::voters_without_vote) {
             voter.forgive(now_ns);
             self.situation.vote(number, None);
         }
@@ -112,8 +118,13 @@ impl Cast {
         self.graph.voters().zip(&self.voters)
     }
 
-    /// Those that are the emergency stop's, and fall short now.
-    fn short_voters(&self) -> impl Iterator<Item = (Number, &Arc<Voter>)> {
-        self.numbered().filter(|(_, voter)| voter.parts().severity == Severity::Emergency && voter.falls_short())
+    /// Those that raise the emergency stop.
+    fn emergency_voters(&self) -> impl Iterator<Item = (Number, &Arc<Voter>)> {
+        self.numbered().filter(|(_, voter)| voter.parts().severity == Severity::Emergency)
+    }
+
+    /// Those of them of which not enough members agree now, as far as anybody knows.
+    fn voters_without_vote(&self) -> impl Iterator<Item = (Number, &Arc<Voter>)> {
+        self.emergency_voters().filter(|(_, voter)| !voter.agrees())
     }
 }

@@ -180,11 +180,19 @@ impl Voter {
         self.state().poll.is_few()
     }
 
+    /// Enough of its members agreed when it voted last. Before its first vote it does not fall short, and they do not agree.
+    #[must_use]
+    pub fn agrees(&self) -> bool {
+        self.state().poll.agrees()
+    }
+
     /// That too few agree is forgiven: they have the time again in which each may be silent, or it is told anew.
     pub fn forgive(&self, now_ns: u64) {
         let mut state = self.state();
+        if state.poll.is_few() {
+            self.shortfall.note(false, now_ns);
+        }
         state.poll.forgive(now_ns);
-        self.shortfall.note(false, now_ns);
         self.set_due(&state.poll);
     }
 

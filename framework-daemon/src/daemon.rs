@@ -50,8 +50,10 @@ pub struct Settings {
     pub directory: PathBuf,
     /// Plugin directories, searched before those that the profiles name.
     pub plugins: Vec<PathBuf>,
-    /// Where the journal goes.
+    /// Where the journal goes: the one name that it has ([`crate::sys::place::canonical`]).
     pub journal: PathBuf,
+    /// What it was called: a link to it, perhaps.
+    pub called: PathBuf,
     /// Where the control socket is; `None`: at the usual place, if it can be had.
     pub socket: Option<PathBuf>,
     /// Where checkpoints lie, so that they outlive the daemon.
@@ -116,8 +118,7 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
     let loaded = load::load(&settings.directory).map_err(|diagnostics| {
         let error = RunError::Profiles(diagnostics);
         // A journal that cannot be written either is no news to whoever wrote the profiles.
-        let _ = Journal::open(&settings.journal)
-            .and_then(|mut journal| journal.claim().map(|()| journal))
+        let _ = Journal::open_alone(&settings.journal)
             .map(|journal| refuse(&Arc::new(Mutex::new(journal)), settings, &error.reasons()));
         error
     })?;
@@ -185,10 +186,8 @@ pub fn run(settings: &Settings, out: &mut impl Write) -> Result<Ending, RunError
 }
 
 fn open_journal(settings: &Settings) -> Result<SharedJournal, RunError> {
-    let journal = Journal::open(&settings.journal);
-    let journal = journal.and_then(|mut journal| journal.claim().map(|()| journal));
-    let journal =
-        journal.map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
+    let journal = Journal::open_alone(&settings.journal)
+        .map_err(|error| RunError::Failed(vec![format!("journal {}: {error}", settings.journal.display())]))?;
     last_words::prepare(journal.as_fd())?;
     if let Some(told) = journal.last().and_then(Value::as_object).and_then(last_run::tell) {
         tracing::warn!("{told}");

@@ -214,6 +214,53 @@ fn one_journal_is_one_daemons() {
 }
 
 #[test]
+fn a_journal_that_is_moved_away_leaves_its_place_to_nobody_else() {
+    let robot = robot(RULES, "");
+    let daemon = run(&robot, RAISE);
+    raised(&robot, &daemon);
+    let places = ["journal.jsonl", "journal.jsonl.lock"].map(|name| robot.lines.path().join("state").join(name));
+    for moved in [&places[..1], &places[..]] {
+        moved.iter().for_each(|path| fs::rename(path, path.with_extension("1")).unwrap());
+        // Where all of it is gone somebody has to look, which the daemon does every second.
+        daemon.until("its lock is back", || places[1].exists());
+        let mut other = Running::spawn_on(&journal(&robot), robot.profiles.path(), &["--fresh"]);
+        assert!(!other.wait().success());
+        other.wait_for(&format!("another daemon (process {}) writes it", daemon.pid()));
+        assert_eq!(ask(&daemon, "component stop idle").code, Some(0));
+        assert_eq!(daemon.journal("order", 1).len(), 1, "it goes on at its place");
+    }
+    killed(daemon);
+    assert!(is_latched(&run(&robot, &[])));
+}
+
+#[test]
+fn a_journal_has_one_latch_by_whatever_name_it_is_called() {
+    let robot = robot(RULES, "");
+    let (state, link) = (robot.lines.path().join("state"), robot.lines.path().join("link.jsonl"));
+    fs::create_dir(&state).unwrap();
+    // Before there is a journal, too.
+    std::os::unix::fs::symlink("state/journal.jsonl", &link).unwrap();
+    let daemon = Running::spawn_on(&link, robot.profiles.path(), RAISE).ready();
+    raised(&robot, &daemon);
+    let mut other = Running::spawn_on(&journal(&robot), robot.profiles.path(), &[]);
+    assert!(!other.wait().success());
+    killed(daemon);
+    let daemon = run(&robot, &[]);
+    assert!(is_latched(&daemon));
+    killed(daemon);
+    // A link that leads elsewhere every day.
+    fs::remove_file(&link).unwrap();
+    std::os::unix::fs::symlink("state/tomorrow.jsonl", &link).unwrap();
+    let before = driven(&robot);
+    let daemon = Running::spawn_on(&link, robot.profiles.path(), &[]).ready();
+    daemon.wait_for("the run before left it latched for crash.segv of sensor (fault ");
+    assert!(is_latched(&daemon) && driven(&robot) == before);
+    assert_eq!(ask(&daemon, "fault clear").code, Some(0));
+    killed(daemon);
+    assert!(!is_latched(&Running::spawn_on(&link, robot.profiles.path(), &[]).ready()));
+}
+
+#[test]
 fn what_was_an_actuator_then_is_held_whatever_the_profiles_say_now() {
     let robot = robot(RULES, "");
     let daemon = run(&robot, RAISE);

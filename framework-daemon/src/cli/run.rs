@@ -13,6 +13,7 @@ use crate::exec::keep;
 use crate::model::limits::SHUTDOWN_STEP;
 use crate::plugin::probe;
 use crate::sys::log_ring::{self, Lines};
+use crate::sys::place;
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --plugins target/release\n  \
      framework-daemon run profiles/navigation --inject avoider:crash.segv@5\n\n\
@@ -73,9 +74,11 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> io::Result<Exit> {
         probe::enable(own);
     }
     let Arguments { directory, plugins, journal, fresh, checkpoints, socket, inject } = arguments;
-    let journal = journal.unwrap_or_else(default_journal);
+    let called = journal.unwrap_or_else(default_journal);
+    // What belongs to it lies beside itself, not beside a link to it.
+    let journal = place::canonical(&called);
     let checkpoints = checkpoints.unwrap_or_else(|| keep::beside(&journal));
-    let settings = Settings { directory, plugins, journal, socket, checkpoints, fresh, injections: inject };
+    let settings = Settings { directory, plugins, journal, called, socket, checkpoints, fresh, injections: inject };
     abort_on_panic();
     let result = daemon::run(&settings, out);
     log_ring::flush(SHUTDOWN_STEP);

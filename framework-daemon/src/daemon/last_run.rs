@@ -49,7 +49,8 @@ pub(super) fn restore_latch(settings: &Settings, plan: &mut Plan, journal: &Shar
     let path = latch::beside(&settings.journal);
     // What the journal still tells of nobody removes by removing a file.
     let missed = journal.lock().unwrap_or_else(PoisonError::into_inner).leaves_emergency();
-    let left = latch::keep(&path, record(settings, plan), missed, settings.fresh);
+    let link = latch::link_beside(&settings.called);
+    let left = latch::keep(&path, link.as_deref(), record(settings, plan), missed, settings.fresh);
     let (told, record) = match &left {
         Left::Free => return,
         Left::Latched(record) => (of_record(record), Some(record)),

@@ -11,14 +11,13 @@ use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use nix::errno::Errno;
-use nix::fcntl::{FcntlArg, fcntl};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
 use crate::model::fault::{Evidence, FaultEvent, Stage};
 use crate::plugin::symbols::Origin;
-use crate::sys::{clock, last_words, place};
+use crate::sys::place::{self, Claim};
+use crate::sys::{clock, last_words};
 
 /// An open journal.
 #[derive(Debug)]
@@ -30,7 +29,10 @@ pub struct Journal {
     torn: bool,
     last: Option<Value>,
     leaves_emergency: bool,
-    is_claimed: bool,
+    /// It is this process's alone.
+    is_own: bool,
+    /// So is its place, where that can be locked.
+    claim: Option<Claim>,
 }
 
 impl Journal {
@@ -39,9 +41,7 @@ impl Journal {
     /// # Errors
     /// When the file cannot be opened.
     pub fn open(path: &Path) -> io::Result<Self> {
-        if let Some(directory) = path.parent().filter(|directory| !directory.as_os_str().is_empty()) {
-            std::fs::create_dir_all(directory)?;
-        }
+        make_directory(path)?;
         let file = open(path)?;
         let tail = tail(&file)?;
         let torn = !tail.is_empty() && !tail.ends_with('\n');
@@ -52,49 +52,51 @@ impl Journal {
             torn,
             last: last_line(&tail),
             leaves_emergency: leaves_emergency(&tail),
-            is_claimed: false,
+            is_own: false,
+            claim: None,
         })
     }
 
-    /// Takes it for this process alone, as long as that lives: what lies beside it is this run's, too. From now on it follows its
-    /// name, where somebody moves the file away.
+    /// Opens it for this process alone, as long as that lives: what lies beside it is this run's, too. From now on it follows its
+    /// name, where somebody moves the file away; and so that nobody comes in by the name meanwhile, its place has a lock of its own,
+    /// which does not move with it.
     ///
     /// # Errors
-    /// When another process has it; the error names it.
-    pub fn claim(&mut self) -> io::Result<()> {
-        self.lock()?;
-        self.is_claimed = true;
-        Ok(())
+    /// When another process has it; the error names it. When the file cannot be opened.
+    pub fn open_alone(path: &Path) -> io::Result<Self> {
+        make_directory(path)?;
+        let claim = match Claim::take(&beside(path)) {
+            Ok(Ok(claim)) => Some(claim),
+            Ok(Err(holder)) => return Err(taken(holder)),
+            Err(error) => {
+                warn_of_no_lock(&beside(path), &error);
+                None
+            }
+        };
+        let mut journal = Self::open(path)?;
+        journal.lock()?;
+        (journal.is_own, journal.claim) = (true, claim);
+        Ok(journal)
     }
 
-    /// A lock of the process, and not of the open file, which a child that a component forked would go on to hold when this process
-    /// is gone.
     fn lock(&self) -> io::Result<()> {
-        let whole = libc::flock {
-            l_type: libc::F_WRLCK as libc::c_short,
-            l_whence: libc::SEEK_SET as libc::c_short,
-            l_start: 0,
-            l_len: 0,
-            l_pid: 0,
-        };
-        match fcntl(&self.file, FcntlArg::F_SETLK(&whole)) {
-            Ok(_) => Ok(()),
-            Err(Errno::EACCES | Errno::EAGAIN) => {
-                let mut holder = whole;
-                let _ = fcntl(&self.file, FcntlArg::F_GETLK(&mut holder));
-                let told = format!(
-                    "another daemon (process {}) writes it: name another one with --journal FILE",
-                    holder.l_pid
-                );
-                Err(io::Error::other(told))
-            }
+        match place::lock(&self.file) {
+            Ok(holder) => holder.map_or(Ok(()), |holder| Err(taken(holder))),
             Err(error) => {
-                tracing::warn!(
-                    "journal {}: cannot be locked ({error}); no other daemon may write it",
-                    self.path.display()
-                );
+                warn_of_no_lock(&self.path, &error);
                 Ok(())
             }
+        }
+    }
+
+    /// Sees to it that its place stays this process's, where somebody moved the lock away, too.
+    ///
+    /// # Errors
+    /// When another process came in meanwhile, or no lock can be made there.
+    pub fn hold_place(&mut self) -> io::Result<()> {
+        match &mut self.claim {
+            Some(claim) => claim.renew()?.map_or(Ok(()), |holder| Err(taken(holder))),
+            None => Ok(()),
         }
     }
 
@@ -170,7 +172,7 @@ impl Journal {
 
     fn append(&mut self, object: &Map<String, Value>) -> io::Result<()> {
         let mut line = seal(object)?;
-        if self.is_claimed && !place::holds(&self.path, &self.file) {
+        if self.is_own && !place::holds(&self.path, &self.file) {
             self.go_on_in_place();
         }
         if self.torn {
@@ -194,6 +196,24 @@ impl Journal {
         }
         self.torn = tail(&self.file).is_ok_and(|tail| !tail.is_empty() && !tail.ends_with('\n'));
     }
+}
+
+/// Where the lock of a journal's place lies.
+fn beside(journal: &Path) -> PathBuf {
+    place::suffixed(journal, ".lock")
+}
+
+fn make_directory(journal: &Path) -> io::Result<()> {
+    let directory = journal.parent().filter(|directory| !directory.as_os_str().is_empty());
+    directory.map_or(Ok(()), std::fs::create_dir_all)
+}
+
+fn taken(holder: i32) -> io::Error {
+    io::Error::other(format!("another daemon (process {holder}) writes it: name another one with --journal FILE"))
+}
+
+fn warn_of_no_lock(path: &Path, error: &io::Error) {
+    tracing::warn!("{}: cannot be locked ({error}); no other daemon may write that journal", path.display());
 }
 
 fn open(path: &Path) -> io::Result<File> {

@@ -1,12 +1,14 @@
-//! Sees to it that the file of the emergency stop's latch says what is so. On a thread of its own, because it waits for the disk, and
+//! Sees to it that the file of the emergency stop's latch says what is so, and that its place stays this daemon's. On a thread of its own, because it waits for the disk, and
 //! those who depend on a faulty slot do not.
 
 use std::io;
+use std::sync::PoisonError;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, unbounded};
 
+use super::manager::SharedJournal;
 use crate::sys::latch::{self, Cause};
 use crate::sys::thread;
 
@@ -24,9 +26,9 @@ impl Latchkeeper {
     ///
     /// # Errors
     /// When the system has no thread left.
-    pub fn start() -> io::Result<Self> {
+    pub fn start(journal: SharedJournal) -> io::Result<Self> {
         let (sender, told) = unbounded();
-        let thread = thread::spawn("latchkeeper", move || serve(&told))?;
+        let thread = thread::spawn("latchkeeper", move || serve(&told, &journal))?;
         Ok(Self { sender, thread })
     }
 
@@ -42,12 +44,15 @@ impl Latchkeeper {
     }
 }
 
-fn serve(told: &Receiver<Option<Cause>>) {
-    let mut before = None;
+fn serve(told: &Receiver<Option<Cause>>, journal: &SharedJournal) {
+    let (mut before, mut is_held) = (None, true);
     loop {
         let received = told.recv_timeout(AGAIN);
         if received == Err(RecvTimeoutError::Disconnected) {
             return;
+        }
+        if received.is_err() {
+            is_held = hold_place(journal, is_held);
         }
         // Somebody else may have tried meanwhile, in vain.
         look(&mut before);
@@ -58,6 +63,18 @@ fn serve(told: &Receiver<Option<Cause>>) {
         }
         look(&mut before);
     }
+}
+
+/// Somebody may have moved or removed the lock, too; told when that changes.
+fn hold_place(journal: &SharedJournal, was_held: bool) -> bool {
+    let mut journal = journal.lock().unwrap_or_else(PoisonError::into_inner);
+    let held = journal.hold_place();
+    match &held {
+        Err(error) if was_held => tracing::error!("the lock of journal {}: {error}", journal.path().display()),
+        Ok(()) if !was_held => tracing::info!("journal {} is this daemon's alone again", journal.path().display()),
+        _ => {}
+    }
+    held.is_ok()
 }
 
 /// Tells what changed.

@@ -108,7 +108,6 @@ pub fn start(journal: SharedJournal) -> std::io::Result<(Manager, FaultSender)> 
     let (asks, restarts) = bounded(1);
     let shared = Arc::new(Shared::default());
     let desk = Desk {
-        journal,
         asks,
         shared: Arc::clone(&shared),
         symbols: Symbols::default(),
@@ -116,7 +115,8 @@ pub fn start(journal: SharedJournal) -> std::io::Result<(Manager, FaultSender)> 
         slots: Vec::new(),
         notices: Vec::new(),
         consequences: VecDeque::new(),
-        latch: Latchkeeper::start()?,
+        latch: Latchkeeper::start(Arc::clone(&journal))?,
+        journal,
         lost: lost_events(),
     };
     let thread = thread::spawn("fault-manager", move || {

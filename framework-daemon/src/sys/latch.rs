@@ -19,6 +19,8 @@ use super::place::suffixed;
 
 /// The file.
 mod file;
+/// A link beside that of the journal.
+mod link;
 /// What it says.
 mod record;
 
@@ -38,6 +40,13 @@ pub fn beside(journal: &Path) -> PathBuf {
     suffixed(journal, ".emergency")
 }
 
+/// The same beside a link to the journal, if `called` is one: it leads to the latch, so that it is found where the journal's link
+/// leads elsewhere by the next run.
+#[must_use]
+pub fn link_beside(called: &Path) -> Option<PathBuf> {
+    called.is_symlink().then(|| beside(called))
+}
+
 fn kept() -> MutexGuard<'static, Option<Kept>> {
     KEPT.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -54,9 +63,14 @@ impl Kept {
 }
 
 /// Keeps the latch in that file from now on, for a run that `own` describes; returns what the run before left. What is latched
-/// there is latched, and so is what nobody can read, or what is `missed`; `forget`: it is not, and [`describe`] takes it from the file.
-pub fn keep(path: &Path, own: Record, missed: bool, forget: bool) -> Left {
-    let (file, left) = Kept::open(path, own, missed);
+/// there, or behind that `link`, is latched, and so is what nobody can read, or what is `missed`; `forget`: it is not, and
+/// [`describe`] takes it from the file.
+pub fn keep(path: &Path, link: Option<&Path>, own: Record, missed: bool, forget: bool) -> Left {
+    let (mut file, left) = Kept::open(path, own, missed);
+    let left = match link {
+        Some(link) => link::follow(&mut file, link, left),
+        None => left,
+    };
     *kept() = Some(file);
     if left != Left::Free && !forget {
         let _ = set();

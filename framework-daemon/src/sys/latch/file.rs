@@ -32,9 +32,13 @@ pub(super) struct Kept {
 }
 
 impl Kept {
+    pub(super) fn at(path: &Path, own: Record) -> Self {
+        Self { path: path.to_owned(), file: None, record: own, failure: None }
+    }
+
     /// Opens the file, or makes it; what it says stays. `missed`: where there is none, there should be one.
     pub(super) fn open(path: &Path, own: Record, missed: bool) -> (Self, Left) {
-        let mut kept = Self { path: path.to_owned(), file: None, record: own, failure: None };
+        let mut kept = Self::at(path, own);
         // A link that leads nowhere is there, too.
         if path.symlink_metadata().is_err_and(|error| error.kind() == io::ErrorKind::NotFound) {
             let _ = kept.say(missed);
@@ -51,7 +55,7 @@ impl Kept {
     }
 
     /// What it says; it stays open where it can be written, too.
-    fn read(&mut self) -> io::Result<Left> {
+    pub(super) fn read(&mut self) -> io::Result<Left> {
         // Not blocking: a pipe without a writer would hang here for ever.
         let open = |write| OpenOptions::new().read(true).write(write).custom_flags(libc::O_NONBLOCK).open(&self.path);
         let (mut file, failure) = match open(true) {

@@ -69,6 +69,7 @@ const UNSAFE: &[&str] = &[
     "framework-daemon/src/sys/shield/threads.rs",
     "framework-daemon/src/sys/shield/waits.rs",
     "framework-daemon/src/sys/stack.rs",
+    "framework-daemon/src/sys/streams.rs",
     "framework-daemon/src/sys/text.rs",
     "framework-daemon/src/sys/thread.rs",
     "framework-daemon/src/sys/trap.rs",

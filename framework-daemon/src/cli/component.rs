@@ -61,6 +61,23 @@ const FIELDS: [&str; 29] = [
     "declared",
 ];
 
+/// What is shown of a voter, in order.
+const VOTER: [&str; 13] = [
+    "slot",
+    "kind",
+    "of",
+    "field",
+    "method",
+    "tolerance",
+    "require",
+    "max_age_ns",
+    "severity",
+    "votes",
+    "agreeing",
+    "outvoted",
+    "falls_short",
+];
+
 /// Arguments of `component`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
@@ -89,7 +106,8 @@ pub enum Verb {
     /// Have a slot run again that a fault stopped.
     #[command(after_help = ORDER_EXAMPLES)]
     Reset(Order),
-    /// Show all of one slot: counters, ports, properties, fault rules; or of a composite: its slots, the ports that it shows.
+    /// Show all of one slot: counters, ports, properties, fault rules; or of a composite: its slots, the ports that it shows;
+    /// or of a voter: who votes, and how the last vote ended.
     #[command(after_help = INFO_EXAMPLES)]
     Info {
         /// The slot.
@@ -159,6 +177,10 @@ fn describe(component: &Value) -> Vec<String> {
         return [fields(component, &COLUMNS), shown].concat();
     }
     let rows = |name: &str| component[name].as_array().cloned().unwrap_or_default();
+    if component["kind"] == "voter" {
+        return [fields(component, &VOTER), section("ports", &["port", "type", "connections"], &rows("ports"))]
+            .concat();
+    }
     let mut shown = component.clone();
     shown["severity"] = severity(&component["severity"]).into();
     shown["reset"] = intensity(&component["reset"]).into();

@@ -14,8 +14,8 @@ const CONNECT_EXAMPLES: &str = "Examples:\n  framework-daemon connect motors.com
      Exit codes: 0 connected, 5 no daemon can be reached, 6 refused: no such port, or the two do not fit.";
 
 const DISCONNECT_EXAMPLES: &str = "Examples:\n  framework-daemon disconnect motors.command\n\n\
-     A port that has no connection is no mistake.\n\n\
-     Exit codes: 0 disconnected, 5 no daemon can be reached, 6 refused: no such port.";
+     What a voter or a model hears it hears all the same.\n\n\
+     Exit codes: 0 disconnected, 5 no daemon can be reached, 6 refused: no such port, or it has no connection.";
 
 /// Arguments of `connect`.
 #[derive(Debug, Args)]

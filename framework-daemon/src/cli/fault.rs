@@ -56,11 +56,11 @@ pub enum Verb {
     /// List the newest faults, oldest first.
     #[command(after_help = LIST_EXAMPLES)]
     List {
-        /// Only those of this slot.
+        /// Only those of this slot, or voter.
         #[arg(long, value_name = "SLOT")]
         slot: Option<String>,
         /// How many at most.
-        #[arg(long, value_name = "N", default_value_t = 100)]
+        #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..))]
         last: u64,
         /// Which daemon, and how it is printed.
         #[command(flatten)]
@@ -86,7 +86,7 @@ pub enum Verb {
     /// Print faults as they happen, until told to stop.
     #[command(after_help = FOLLOW_EXAMPLES)]
     Follow {
-        /// Only those of this slot.
+        /// Only those of this slot, or voter.
         #[arg(long, value_name = "SLOT")]
         slot: Option<String>,
         /// Begin with that many of those before.

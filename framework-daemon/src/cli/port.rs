@@ -23,7 +23,8 @@ const INFO_EXAMPLES: &str = "Examples:\n  framework-daemon port info motors.comm
 
 const HZ_EXAMPLES: &str = "Examples:\n  framework-daemon port hz sonar.ranges\n  \
      framework-daemon port hz sonar.ranges --window 0.2 --count 5 --format json\n\n\
-     Values are counted where they arrive: an output is measured at one of its readers, which the answer names.";
+     Values are counted where they arrive: an output is measured at one of its readers, or by the voter or model \
+     that hears it; the answer names it.";
 
 const ECHO_EXAMPLES: &str = "Examples:\n  framework-daemon port echo sonar.ranges\n  \
      framework-daemon port echo motors.command --count 1 --format json | jq .echo.value\n\n\

@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 use std::ops::ControlFlow;
+use std::os::fd::AsFd;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -11,6 +12,7 @@ use super::Format;
 use super::exit_code::Exit;
 use crate::control::client::{CallError, Client};
 use crate::control::views::{cell, table};
+use crate::sys::streams;
 
 /// Options of every verb that asks a running daemon.
 #[derive(Debug, Args)]
@@ -73,10 +75,11 @@ impl Remote {
         })
     }
 
-    /// Calls a method that answers again and again, and prints a line for each answer, at most `count`.
+    /// Calls a method that answers again and again, and prints a line for each answer, at most `count`, as long as anybody reads
+    /// standard output.
     ///
     /// # Errors
-    /// Only those of writing.
+    /// Only those of writing; standard output was closed before the process began.
     pub fn follow(
         &self,
         method: &str,
@@ -85,6 +88,9 @@ impl Remote {
         out: &mut impl Write,
         text: impl Fn(&Value) -> String,
     ) -> io::Result<Exit> {
+        if streams::output_was_closed() {
+            return Err(io::Error::other("standard output is closed"));
+        }
         let (mut left, mut written) = (count.unwrap_or(u64::MAX), Ok(()));
         let each = |answer: &Value| {
             let line = if self.format == Format::Json { answer.to_string() } else { text(answer) };
@@ -92,7 +98,8 @@ impl Remote {
             left = left.saturating_sub(1);
             if left == 0 || written.is_err() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        let called = self.connect().and_then(|mut client| client.stream(method, parameters, each));
+        let called =
+            self.connect().and_then(|mut client| client.stream(method, parameters, io::stdout().as_fd(), each));
         written?;
         self.finish(called, out, |()| Vec::new())
     }

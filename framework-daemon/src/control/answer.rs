@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 
-use super::directory::{self, Board, Directory};
+use super::directory::{self, Besides, Board, Directory};
 use super::interface::{INTERFACES, Method, PortName, Refusal};
 use super::{composites, helpers, stream, views};
 use crate::exec::emergency;
 use crate::fault::manager::Outlook;
-use crate::fault::order::Refused;
+use crate::fault::order::{Refused, Verb};
+use crate::fault::ports;
 use crate::port::{registry, wiring};
 use crate::sys::latch;
 
@@ -30,8 +31,26 @@ impl Sight {
     /// # Errors
     /// When nothing does yet; `slot` is what was asked for.
     pub(super) fn directory(&self, slot: &str) -> Result<Arc<Directory>, Refusal> {
-        let starting = || Refusal::NoSuchComponent(slot.to_owned(), "the daemon is starting: ask again".to_owned());
-        self.board.newest().ok_or_else(starting)
+        self.board.newest().ok_or_else(|| Refusal::NoSuchComponent(slot.to_owned(), STARTING.to_owned()))
+    }
+
+    /// What may be changed, an operator may change when all runs: what a start is at is not for others to undo, and whether the
+    /// emergency stop was left latched is not known before. Orders are for slots.
+    ///
+    /// # Errors
+    /// When it is too early, or there is no such slot.
+    pub(super) fn admit(&self, method: &Method) -> Result<(), Refusal> {
+        let is_change = matches!(method, Method::Order(..) | Method::Connect(..) | Method::Disconnect(_));
+        let starting = || Refusal::OrderRefused(STARTING.to_owned());
+        let Some(directory) = is_change.then(|| self.board.newest().ok_or_else(starting)).transpose()? else {
+            return Ok(());
+        };
+        match method {
+            Method::Order(verb, slot) if *verb != Verb::Clear => {
+                stream::entry(&directory, slot, Besides::Nothing).map(|_| ())
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The answer to a method; `None`: it comes later.
@@ -46,8 +65,12 @@ impl Sight {
             Method::ListComponents => json!({"components": self.components()}),
             Method::DescribeComponent(slot) => {
                 let directory = self.directory(slot)?;
-                let own = || Ok(views::component_details(&directory, stream::entry(&directory, slot)?, &self.outlook));
-                json!({"component": composites::details(&directory, slot).map_or_else(own, Ok)?})
+                let own = || {
+                    let entry = stream::entry(&directory, slot, Besides::All)?;
+                    Ok(views::component_details(&directory, entry, &self.outlook))
+                };
+                let inserted = || helpers::details(&directory, slot);
+                json!({"component": composites::details(&directory, slot).or_else(inserted).map_or_else(own, Ok)?})
             }
             Method::ListPorts(None) => json!({"ports": self.all_ports()}),
             Method::ListPorts(Some(slot)) => {
@@ -67,7 +90,7 @@ impl Sight {
                 return Err(Refusal::of_order(Refused::latched()));
             }
             Method::Connect(one, other) => wired(one, wiring::connect(registry::shared(), one.into(), other.into()))?,
-            Method::Disconnect(name) => wired(name, wiring::disconnect(registry::shared(), name.into()))?,
+            Method::Disconnect(name) => self.cut(name)?,
             Method::Hz(..) | Method::Echo(_) | Method::Reload | Method::Order(..) => return Ok(None),
         };
         Ok(Some(answer))
@@ -76,8 +99,28 @@ impl Sight {
     /// Faults may be asked for of a slot that runs, or of one that is gone and left some.
     fn check_slot(&self, slot: Option<&str>) -> Result<(), Refusal> {
         let Some((slot, directory)) = slot.zip(self.board.newest()) else { return Ok(()) };
-        let found = stream::entry(&directory, slot).map(|_| ());
-        found.or_else(|refusal| if stream::knows(self.outlook.feed(), slot) { Ok(()) } else { Err(refusal) })
+        if directory.helpers.named().any(|(name, _)| name == slot) || stream::knows(self.outlook.feed(), slot) {
+            return Ok(());
+        }
+        stream::entry(&directory, slot, Besides::Voters).map(|_| ())
+    }
+
+    /// Cuts a port's connections, and says so where there were none.
+    fn cut(&self, name: &PortName) -> Result<Value, Refusal> {
+        let directory = self.directory(&name.slot)?;
+        let is_port = |port: &Value| {
+            let rest = port["port"].as_str().and_then(|own| own.strip_prefix(name.port.as_str()));
+            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+        };
+        // Its methods, where it is a service. One that a component added by itself is not known here.
+        let mut known = ports_of(&directory, &name.slot).unwrap_or_default();
+        known.retain(is_port);
+        let is_loose = |port: &Value| port["connections"].as_array().is_none_or(Vec::is_empty);
+        let answer = wired(name, wiring::disconnect(registry::shared(), name.into()))?;
+        match known.first() {
+            Some(first) if known.iter().all(is_loose) => Err(Refusal::OrderRefused(no_connection(name, first))),
+            _ => Ok(answer),
+        }
     }
 
     fn status(&self) -> Value {
@@ -114,12 +157,23 @@ impl Sight {
             let port = helpers::ports(&directory, &directory.wires(), Some(&name.slot)).into_iter().next();
             return Ok(json!({"port": shown.or(port), "layout": views::layout(output.object)}));
         }
-        let slot = stream::slot(&directory, &name.slot)?;
+        let own = || stream::owner(&directory, name).map(|entry| &entry.slot);
+        let slot = Some(ports::shared().slot()).filter(|slot| slot.name == name.slot).map_or_else(own, Ok)?;
         let found = views::ports(slot, &directory.wires()).into_iter().find(|port| port["port"] == *name.port);
         let missing = || Refusal::NoSuchPort(name.clone(), directory::missing_port(slot, &name.port));
         let (port, layout) = found.zip(views::port_layout(slot, &name.port)).ok_or_else(missing)?;
         Ok(json!({"port": shown.unwrap_or(port), "layout": layout}))
     }
+}
+
+/// Why nobody is to ask for more than looking.
+const STARTING: &str = "the daemon is starting: ask again";
+
+/// That a port has nothing to disconnect.
+fn no_connection(PortName { slot, port }: &PortName, shown: &Value) -> String {
+    let heard = shown["heard_by"].as_array().into_iter().flatten().map(views::cell).collect::<Vec<_>>().join(", ");
+    let heard = if heard.is_empty() { heard } else { format!("; {heard} hears it, as the profiles say") };
+    format!("`{slot}.{port}` has no connection: there is nothing to disconnect{heard}")
 }
 
 /// The ports of a slot, a voter or a composite.

@@ -2,10 +2,12 @@
 
 use std::io::{self, Read, Write};
 use std::ops::ControlFlow;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use serde_json::{Map, Value};
 
 use super::interface::OWN;
@@ -79,7 +81,8 @@ impl Client {
         self.receive(None).map(|reply| reply.parameters)
     }
 
-    /// Calls a method that answers again and again, until `each` has seen enough.
+    /// Calls a method that answers again and again, until `each` has seen enough, or nobody reads any more what is written to
+    /// `output`: nothing may come for a long time, and who left does not wait for it.
     ///
     /// # Errors
     /// When there is no answer, or no more.
@@ -87,10 +90,14 @@ impl Client {
         &mut self,
         method: &str,
         parameters: Map<String, Value>,
+        output: BorrowedFd<'_>,
         mut each: impl FnMut(&Value) -> ControlFlow<()>,
     ) -> Result<(), CallError> {
         self.send(method, parameters, true)?;
         loop {
+            if !self.inbox.has_message() && !self.comes_before_end_of(output) {
+                return Ok(());
+            }
             let reply = self.receive(None)?;
             if each(&reply.parameters).is_break() || !reply.continues {
                 return Ok(());
@@ -125,6 +132,23 @@ impl Client {
                 }
                 Err(error) if error.kind() == io::ErrorKind::ConnectionReset => return Err(self.lost("it hung up")),
                 Err(error) => return Err(self.lost(&error.to_string())),
+            }
+        }
+    }
+
+    /// Waits for more of an answer; false: nobody reads `output` any more.
+    fn comes_before_end_of(&self, output: BorrowedFd<'_>) -> bool {
+        let gone = PollFlags::POLLERR | PollFlags::POLLHUP | PollFlags::POLLNVAL;
+        loop {
+            let mut fds =
+                [PollFd::new(self.stream.as_fd(), PollFlags::POLLIN), PollFd::new(output, PollFlags::empty())];
+            // What cannot be waited for is read, and waited for there.
+            if poll(&mut fds, PollTimeout::NONE).is_err_and(|error| error != nix::errno::Errno::EINTR) {
+                return true;
+            }
+            let [comes, ends] = fds.map(|fd| fd.revents().unwrap_or(PollFlags::empty()));
+            if !comes.is_empty() || ends.intersects(gone) {
+                return !comes.is_empty();
             }
         }
     }

@@ -92,16 +92,49 @@ impl Directory {
         &self.plan.composites
     }
 
-    /// Why there is no slot of that name, with the way out.
+    /// Why there is no slot of that name, with the way out; `besides`: what else would be taken.
     #[must_use]
-    pub fn missing(&self, name: &str) -> String {
-        let composites = self.composites().iter().map(|composite| composite.name.as_str());
-        let voters = self.helpers.named().map(|(name, _)| name);
+    pub fn missing(&self, name: &str, besides: Besides) -> String {
+        if self.helpers.named().any(|(voter, _)| voter == name) {
+            return format!("`{name}` is a voter and no slot: `component info {name}` tells of it");
+        }
+        if let Some(composite) = self.composites().iter().find(|composite| composite.name == name) {
+            let inside = composite.slots.iter().map(|slot| format!("`{slot}`")).collect::<Vec<_>>();
+            let inside = suggest::listed(inside.iter().map(String::as_str));
+            return format!("`{name}` is a composite and no slot; its slots are {inside}");
+        }
+        let composites = self.composites().iter().filter(|_| besides == Besides::All);
+        let voters = self.helpers.named().filter(|_| besides != Besides::Nothing).map(|(name, _)| name);
         let slots = self.entries.iter().map(|entry| entry.slot.name);
-        let known: Vec<&str> = slots.chain(composites).chain(voters).collect();
+        let known: Vec<&str> = slots.chain(composites.map(|composite| composite.name.as_str())).chain(voters).collect();
         let hint = suggest::hint(name, &known, |name| format!("`{name}`"));
-        format!("there is no slot `{name}`; {}", hint.unwrap_or_else(|| "`component list` shows all".to_owned()))
+        format!("there is no slot `{name}`; {}", hint.unwrap_or_else(|| "there are none".to_owned()))
     }
+
+    /// Why a voter or a composite has no port of that name; `None`: it is neither.
+    #[must_use]
+    pub fn missing_port(&self, slot: &str, port: &str) -> Option<String> {
+        let voter = self.helpers.named().find(|(name, _)| *name == slot);
+        let voter = voter.map(|(_, voter)| ("voter", vec![voter.plan.port.as_str()]));
+        let shown = |composite: &'_ CompositePlan| composite.name == slot;
+        let (kind, known) = voter.or_else(|| {
+            let composite = self.composites().iter().find(|composite| shown(composite))?;
+            Some(("composite", composite.exports.iter().map(|(name, _)| name.as_str()).collect()))
+        })?;
+        let hint = suggest::hint(port, &known, |name| format!("`{slot}.{name}`"));
+        Some(format!("{kind} `{slot}` has no port `{port}`; {}", hint.unwrap_or_else(|| "it shows none".to_owned())))
+    }
+}
+
+/// What bears a name as slots do, and is taken as well.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Besides {
+    /// Only slots have lives of their own.
+    Nothing,
+    /// Voters have faults, too.
+    Voters,
+    /// Voters and composites are looked at as well.
+    All,
 }
 
 fn port_names(slot: &Slot) -> Vec<&str> {

@@ -13,7 +13,7 @@ use super::composites;
 use super::decode::{Unreadable, decode};
 use super::directory::{Directory, Entry};
 use super::interface::{PortName, Refusal};
-use super::stream::entry;
+use super::stream::owner;
 use crate::model::limits::{ECHO_PAUSE, ECHO_QUEUE};
 use crate::port::check::Checks;
 use crate::port::input::{InPort, Shown};
@@ -110,7 +110,7 @@ fn writers(directory: &Directory, name: &PortName) -> Result<Vec<(Arc<OutPort>, 
     if let Some(output) = directory.output(&name.slot, &name.port) {
         return Ok(vec![(output, format!("{}.{}", name.slot, name.port))]);
     }
-    let entry = entry(directory, &name.slot)?;
+    let entry = owner(directory, name)?;
     let Some(input) = entry.slot.input(&name.port) else { return Err(carries_none(entry, name)) };
     let wires = directory.wires();
     let writer = |end: &super::directory::End| Some((directory.output(end.slot, &end.port)?, end.to_string()));

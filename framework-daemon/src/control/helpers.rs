@@ -28,6 +28,16 @@ fn voter(Inserted { plan, helper, .. }: &Inserted<VotingPlan, Voter>) -> Value {
         "outvoted": last.map(|last| named(last.minority)).unwrap_or_default()})
 }
 
+/// All that is known of a voter; `None`: there is none of that name.
+pub(super) fn details(directory: &Directory, name: &str) -> Option<Value> {
+    let (name, one) = directory.helpers.named().find(|(own, _)| *own == name)?;
+    let mut fields = voter(one);
+    fields["slot"] = name.into();
+    fields["max_age_ns"] = one.helper.parts().demand.max_age_ns.into();
+    fields["ports"] = ports(directory, &directory.wires(), Some(name)).into();
+    Some(fields)
+}
+
 fn model(Inserted { plan, helper, .. }: &Inserted<ReferenceModelPlan, Comparer>) -> Value {
     let last = helper.last();
     json!({"helper": full(&plan.model), "kind": "model", "of": [full(&plan.target)], "field": plan.field,

@@ -209,7 +209,7 @@ impl Session {
 
     fn obey(&mut self, call: &Call, sight: &Sight, now: Instant) -> Wish {
         (self.more, self.oneway) = (call.more, call.oneway);
-        let method = Method::of(call);
+        let method = Method::of(call).and_then(|method| sight.admit(&method).map(|()| method));
         let wish = match &method {
             Ok(Method::Reload) => Wish::Reload,
             Ok(Method::Order(verb, slot)) => Wish::Order(*verb, slot.clone()),

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use super::composites;
-use super::directory::{Directory, End, Entry};
+use super::directory::{Besides, Directory, End, Entry};
 use super::interface::{PortName, Refusal};
 use crate::exec::slot::Slot;
 use crate::fault::feed::{Cursor, Feed, Line, Next};
@@ -68,14 +68,32 @@ pub(super) fn list(feed: &Feed, slot: Option<&str>, last: usize) -> Vec<Value> {
     lines.filter(|line| is_wanted(line, slot)).take(last).map(|line| Value::Object((*line).clone())).collect()
 }
 
-/// The rate of a port, measured window by window at an input: where values are counted.
+/// The rate of a port, measured window by window where values are counted: at an input, or at an ear of a voter or model.
 #[derive(Debug)]
 pub(super) struct Hz {
     name: PortName,
-    measured_at: End,
+    measured_at: Point,
     window: Duration,
     began: Instant,
     before: u64,
+}
+
+/// Where values of a port are counted.
+#[derive(Debug)]
+enum Point {
+    /// At an input.
+    Input(End),
+    /// At an output, by the voter or model of that name, which hears it.
+    Ear(PortName, String),
+}
+
+impl std::fmt::Display for Point {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Input(end) => end.fmt(formatter),
+            Self::Ear(_, name) => formatter.write_str(name),
+        }
+    }
 }
 
 impl Hz {
@@ -116,12 +134,23 @@ impl Hz {
     }
 }
 
-/// The slot of that name.
+/// The slot of that name; `besides`: what else would be taken.
 ///
 /// # Errors
 /// When there is none.
-pub(super) fn entry<'a>(directory: &'a Directory, slot: &str) -> Result<&'a Entry, Refusal> {
-    directory.entry(slot).ok_or_else(|| Refusal::NoSuchComponent(slot.to_owned(), directory.missing(slot)))
+pub(super) fn entry<'a>(directory: &'a Directory, slot: &str, besides: Besides) -> Result<&'a Entry, Refusal> {
+    directory.entry(slot).ok_or_else(|| Refusal::NoSuchComponent(slot.to_owned(), directory.missing(slot, besides)))
+}
+
+/// The slot that a port belongs to.
+///
+/// # Errors
+/// When there is none, or it is a voter or composite that has no port of that name.
+pub(super) fn owner<'a>(directory: &'a Directory, name: &PortName) -> Result<&'a Entry, Refusal> {
+    match directory.missing_port(&name.slot, &name.port) {
+        Some(reason) if directory.entry(&name.slot).is_none() => Err(Refusal::NoSuchPort(name.clone(), reason)),
+        _ => entry(directory, &name.slot, Besides::All),
+    }
 }
 
 /// The slot of that name, or what the fault manager's ports belong to.
@@ -130,17 +159,17 @@ pub(super) fn entry<'a>(directory: &'a Directory, slot: &str) -> Result<&'a Entr
 /// When there is none.
 pub(super) fn slot<'a>(directory: &'a Directory, name: &str) -> Result<&'a Arc<Slot>, Refusal> {
     let manager = ports::shared().slot();
-    if name == manager.name { Ok(manager) } else { entry(directory, name).map(|entry| &entry.slot) }
+    if name == manager.name { Ok(manager) } else { entry(directory, name, Besides::All).map(|entry| &entry.slot) }
 }
 
-/// An input itself; for an output the reader whose only writer it is, or else the first.
-fn measuring_point(directory: &Directory, name: &PortName) -> Result<End, Refusal> {
+/// An input itself; for an output the reader whose only writer it is, or else the first, or whoever hears it.
+fn measuring_point(directory: &Directory, name: &PortName) -> Result<Point, Refusal> {
     let output = match directory.output(&name.slot, &name.port) {
         Some(output) => output,
         None => {
-            let entry = entry(directory, &name.slot)?;
+            let entry = owner(directory, name)?;
             if entry.slot.reader(&name.port).is_some() {
-                return Ok(End { slot: entry.slot.name, port: name.port.clone() });
+                return Ok(Point::Input(End { slot: entry.slot.name, port: name.port.clone() }));
             }
             Arc::clone(entry.slot.writer(&name.port).ok_or_else(|| no_rate(entry, name))?)
         }
@@ -149,7 +178,8 @@ fn measuring_point(directory: &Directory, name: &PortName) -> Result<End, Refusa
     let writers =
         |end: &&End| directory.entry(end.slot).and_then(|reader| Some(wires.of(reader.slot.reader(&end.port)?).len()));
     let best = wires.of(&output).iter().min_by_key(|end| writers(end).unwrap_or(usize::MAX));
-    best.cloned().ok_or_else(|| {
+    let ear = || Some(Point::Ear(name.clone(), output.taps()?.first()?.name().to_owned()));
+    best.cloned().map(Point::Input).or_else(ear).ok_or_else(|| {
         let reason = format!("nobody reads {}.{}: values are counted where they arrive", name.slot, name.port);
         Refusal::NotMeasurable(name.clone(), reason)
     })
@@ -165,10 +195,17 @@ fn no_rate(entry: &Entry, name: &PortName) -> Refusal {
     Refusal::NoSuchPort(name.clone(), entry.missing(port))
 }
 
-fn received(directory: &Directory, name: &PortName, end: &End) -> Result<u64, Refusal> {
-    let port = directory.entry(end.slot).and_then(|entry| entry.slot.reader(&end.port));
-    let gone = || Refusal::NoSuchPort(name.clone(), format!("{end}, where it was measured, is gone"));
-    port.map(|port| port.counts().0).ok_or_else(gone)
+fn received(directory: &Directory, name: &PortName, point: &Point) -> Result<u64, Refusal> {
+    let count = match point {
+        Point::Input(end) => {
+            directory.entry(end.slot).and_then(|entry| entry.slot.reader(&end.port)).map(|port| port.counts().0)
+        }
+        Point::Ear(output, ear) => {
+            let taps = directory.output(&output.slot, &output.port).and_then(|output| output.taps());
+            taps.and_then(|taps| taps.iter().find(|tap| tap.name() == ear).map(|tap| tap.count()))
+        }
+    };
+    count.ok_or_else(|| Refusal::NoSuchPort(name.clone(), format!("{point}, where it was measured, is gone")))
 }
 
 #[cfg(test)]

@@ -282,7 +282,7 @@ impl Handler {
     /// # Errors
     /// When it is refused.
     pub fn obey(&mut self, order: &Order) -> Result<(Value, Vec<Line>), Refused> {
-        let busy = || Refused::Busy("the daemon starts, reloads or ends: ask again".to_owned());
+        let busy = || Refused::Busy("the daemon reloads or ends: ask again".to_owned());
         let cast = self.cast.as_ref().ok_or_else(busy)?;
         if order.verb == Verb::Clear {
             return self.clear();

@@ -23,13 +23,15 @@ pub struct Comparer {
 struct State {
     comparison: Comparison,
     last: Option<Reading>,
+    /// How many values came from the target, and from the model.
+    heard: [u64; 2],
 }
 
 impl Comparer {
     /// One that has heard nothing yet, and charges the target's slot.
     #[must_use]
     pub fn new(name: String, target: Label, field: &str, demand: Demand, blamed: Arc<dyn Accused>) -> Arc<Self> {
-        let state = Mutex::new(State { comparison: Comparison::new(demand), last: None });
+        let state = Mutex::new(State { comparison: Comparison::new(demand), last: None, heard: [0; 2] });
         Arc::new(Self { name, port: target, field: Label::new(field), blamed, state })
     }
 
@@ -47,6 +49,7 @@ impl Comparer {
 
     fn note(&self, side: Side, value: f64, at_ns: u64) {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.heard[side as usize] += 1;
         let demand = *state.comparison.demand();
         let reading = state.comparison.note(side, value, at_ns);
         state.last = reading.or(state.last);
@@ -89,6 +92,10 @@ impl Tap for Ear {
         // Before anything is locked. A sequence that is too short has nothing to say that agrees with anything.
         let value = heard.number(&self.probe).unwrap_or(f64::NAN);
         self.comparer.note(self.side, value, heard.at_ns());
+    }
+
+    fn count(&self) -> u64 {
+        self.comparer.state.lock().unwrap_or_else(PoisonError::into_inner).heard[self.side as usize]
     }
 
     fn begins_anew(&self) {

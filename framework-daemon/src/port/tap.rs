@@ -24,6 +24,11 @@ pub trait Tap: Send + Sync {
     /// The writer was reset or replaced: what it writes from now on is its successor's.
     fn begins_anew(&self) {}
 
+    /// How many values it heard at this port.
+    fn count(&self) -> u64 {
+        0
+    }
+
     /// How many of the port's blocks it may hold at once.
     fn holds(&self) -> usize {
         0

@@ -71,6 +71,8 @@ pub struct Voter {
 struct State {
     poll: Poll,
     newest: [Option<Sample>; VOTERS],
+    /// How many values each delivered.
+    heard: [u64; VOTERS],
     votes: u64,
     last: Option<Vote>,
     /// Whom its readers' waiting was blamed on.
@@ -116,7 +118,8 @@ impl Voter {
     pub fn new(parts: Parts) -> Arc<Self> {
         let poll = Poll::new(parts.demand, parts.members.len());
         let newest = array::from_fn(|_| None);
-        let state = Mutex::new(State { poll, newest, votes: 0, last: None, blamed: Members::default() });
+        let state =
+            Mutex::new(State { poll, newest, heard: [0; VOTERS], votes: 0, last: None, blamed: Members::default() });
         let voter = Arc::new(Self { parts, due_ns: AtomicU64::new(u64::MAX), shortfall: Arc::default(), state });
         voter.parts.output.belong_to(Arc::new(Spokesman(Arc::downgrade(&voter))));
         voter
@@ -214,6 +217,7 @@ impl Voter {
         let now_ns = heard.at_ns();
         let sample = heard.sample();
         let mut state = self.state();
+        state.heard.get_mut(member).into_iter().for_each(|count| *count += 1);
         let before = state.newest.get_mut(member).and_then(|newest| std::mem::replace(newest, sample));
         let vote = state.poll.deliver(member, value, now_ns);
         let winner = vote.and_then(|vote| vote.passes);
@@ -377,6 +381,10 @@ impl Tap for Ear {
         let before = state.newest.get_mut(self.member).and_then(Option::take);
         drop(state);
         drop(before);
+    }
+
+    fn count(&self) -> u64 {
+        self.voter.state().heard.get(self.member).copied().unwrap_or_default()
     }
 
     fn holds(&self) -> usize {

@@ -87,6 +87,9 @@ pub mod shield;
 /// HUP, TERM, INT, USR1 as values on a channel.
 pub mod signals;
 
+/// Whether standard output was there when the process began.
+pub mod streams;
+
 /// Whose machine code an address belongs to.
 pub mod text;
 

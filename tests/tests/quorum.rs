@@ -152,6 +152,9 @@ fn where_the_members_cannot_work_without_the_actuators_it_is_taken_back_and_rais
     let cleared = ask(&daemon, "fault clear");
     assert!(cleared.out.starts_with("the emergency stop for vote of sonar"), "{cleared:?}");
     assert!(cleared.out.ends_with("is cleared\nwheels: active\narm: active\n"), "{cleared:?}");
+    let healed = of(&daemon, "healed", "sonar").remove(0);
+    assert_eq!(healed["evidence"]["forgiven"], true, "the loss has its end in the journal: {healed}");
+    daemon.wait_for("agree, 2 must, forgiven with the emergency stop");
     // The sonars begin anew, agree for a while, and then they do not.
     daemon.until("it is raised again", || of(&daemon, "fault", "sonar").len() >= 2);
 }
@@ -202,6 +205,39 @@ fn one_that_is_outvoted_or_dies_excuses_nobody_behind_the_voter() {
     assert_eq!((fault["symptom"].as_str(), fault["action"].as_str()), (Some("validity"), Some("reset")), "{fault}");
     assert!(fault["diagnosis"]["left_to"].is_null() && fault["diagnosis"]["consequence_of"].is_null(), "{fault}");
     daemon.until("left is reset", || !of(&daemon, "fault", "left").is_empty());
+}
+
+#[test]
+fn what_silenced_a_member_long_before_it_is_missed_is_the_root_of_the_loss() {
+    let scripts = ["7", "7x80 700", "7x80 700"];
+    let profiles = robot(scripts, "", "><severity>stop</severity>", &[], &[]);
+    let checked =
+        "<usage>output</usage><validity field=\"distance\"><max>500</max><on_invalid>drop</on_invalid></validity>";
+    profiles.replace("Wave.xml", "<usage>output</usage>", checked);
+    let daemon = Running::start(profiles.path(), &[]);
+    daemon.until("too few agree", || !of(&daemon, "fault", "sonar").is_empty());
+    let lost = of(&daemon, "fault", "sonar").remove(0);
+    let roots = ["middle", "right"].map(|slot| of(&daemon, "fault", slot).remove(0));
+    assert!(roots.iter().all(|root| root["symptom"] == "validity"), "{roots:?}");
+    assert!(roots.iter().any(|root| root["seq"] == lost["diagnosis"]["consequence_of"]), "{lost}");
+}
+
+#[test]
+fn what_befalls_a_member_that_agrees_is_not_the_root_of_the_loss() {
+    let ignore = "<fault_tolerance><severity symptom=\"error\">ignore</severity></fault_tolerance>";
+    let profiles = robot(["7"; 3], ignore, "max_age=\"300ms\"><severity>stop</severity>", &[], &[]);
+    // It errs again and again, and agrees all the same.
+    let errors: Vec<String> =
+        (1..100).flat_map(|at| ["--inject".to_owned(), format!("right:error@{}", at as f64 / 10.0)]).collect();
+    let daemon = Running::start(profiles.path(), &errors.iter().map(String::as_str).collect::<Vec<_>>());
+    daemon.until("it errs", || !of(&daemon, "fault", "right").is_empty());
+    for slot in ["left", "middle"] {
+        assert_eq!(ask(&daemon, &format!("component stop {slot}")).code, Some(0));
+    }
+    daemon.until("too few agree", || !of(&daemon, "fault", "sonar").is_empty());
+    let lost = of(&daemon, "fault", "sonar").remove(0);
+    assert!(lost["diagnosis"]["consequence_of"].is_null(), "{lost}");
+    assert!(of(&daemon, "fault", "right").iter().all(|fault| fault["symptom"] == "error"));
 }
 
 #[test]

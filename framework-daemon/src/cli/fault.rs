@@ -217,12 +217,13 @@ fn evidence(evidence: &Value) -> String {
         ),
         Some("quorum") => {
             format!(
-                "{} {}: {} of {} agree, {} must",
+                "{} {}: {} of {} agree, {} must{}",
                 text("port"),
                 text("field"),
                 text("agreeing"),
                 text("members"),
-                text("require")
+                text("require"),
+                if evidence["forgiven"] == true { ", forgiven" } else { "" }
             )
         }
         Some("value") => format!("{} {} is {}, limit {}", text("port"), text("field"), text("value"), text("limit")),
@@ -273,6 +274,9 @@ mod tests {
         assert_eq!(evidence(&found), "sonar works again after 1.5 ms");
         let late = json!({"kind": "recovery", "took_ns": 3_000_000, "declared_ns": 2_000_000});
         assert_eq!(evidence(&late), "took 3.000 ms, declared 2.000 ms");
+        let few = json!({"kind": "quorum", "port": "v.out", "field": "x", "agreeing": 1, "members": 3, "require": 2,
+            "forgiven": true});
+        assert_eq!(evidence(&few), "v.out x: 1 of 3 agree, 2 must, forgiven");
         let value = json!({"kind": "value", "port": "ranges", "field": "min", "value": 9.5, "limit": 3.0});
         assert_eq!(evidence(&value), "ranges min is 9.5, limit 3.0");
     }

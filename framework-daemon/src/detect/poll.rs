@@ -34,6 +34,11 @@ pub struct Poll {
     few: bool,
     /// Enough agreed in the last vote.
     agrees: bool,
+    /// Who agreed in the last vote in which enough did, and when each had said that.
+    agreed: Members,
+    agreed_ns: [u64; VOTERS],
+    /// Who agreed no more when it was told last that too few do, and since when that may be.
+    lost: [Option<u64>; VOTERS],
     /// There was a vote.
     has_begun: bool,
     /// When it was voted last, or looked who is silent, or members were expected first.
@@ -77,6 +82,9 @@ impl Poll {
             silent: Members::default(),
             few: false,
             agrees: false,
+            agreed: Members::default(),
+            agreed_ns: [0; VOTERS],
+            lost: [None; VOTERS],
             has_begun: false,
             looked_ns: None,
             pardon_ns: 0,
@@ -135,6 +143,21 @@ impl Poll {
         self.agrees
     }
 
+    /// Of each member since when it may be wrong or silent by which too few agree, as was told last: it said then what enough
+    /// agreed with, and no more. Where enough never agreed, since ever. `None`: it is not by that one.
+    #[must_use]
+    pub const fn lost_ns(&self) -> &[Option<u64>; VOTERS] {
+        &self.lost
+    }
+
+    fn lose(&mut self, agreeing: Members) {
+        let (before, never) = (self.agreed, self.agreed.count() == 0);
+        for (member, lost) in self.lost.iter_mut().enumerate() {
+            let is_lost = member < self.members && !agreeing.has(member) && (never || before.has(member));
+            *lost = is_lost.then(|| self.agreed_ns[member]);
+        }
+    }
+
     /// When to [`look`](Self::look) next, if nobody delivers until then; `None`: nobody is expected, or all are known to be
     /// silent.
     #[must_use]
@@ -158,6 +181,9 @@ impl Poll {
         let is_short = outcome.agreeing.count() < self.demand.require;
         let falls_short = is_short && !self.few && now_ns >= self.pardon_ns;
         self.agrees &= !is_short;
+        if falls_short {
+            self.lose(outcome.agreeing);
+        }
         (self.silent, self.few, self.looked_ns) = (silent, self.few || falls_short, Some(now_ns));
         self.expect(now_ns);
         let (fell_out, came_back) = (Members::default(), Members::default());
@@ -224,6 +250,13 @@ impl Poll {
         result.came_back.iter().for_each(|member| self.outvoted.remove(member));
         (self.silent, self.few, self.fresh, self.has_begun) = (silent, few, Members::default(), true);
         (self.looked_ns, self.agrees) = (Some(now_ns), !falls_short);
+        if result.few == Some(true) {
+            self.lose(outcome.agreeing);
+        }
+        if !falls_short {
+            self.agreed = outcome.agreeing;
+            outcome.agreeing.iter().for_each(|member| self.agreed_ns[member] = self.heard_ns[member].unwrap_or(now_ns));
+        }
         result
     }
 }
@@ -358,6 +391,24 @@ mod tests {
     }
 
     #[test]
+    fn those_by_whom_too_few_agree_are_those_that_agreed_before_since_they_said_so() {
+        let lost = |poll: &Poll| -> Vec<_> { poll.lost_ns().iter().take(3).copied().collect() };
+        let mut early = poll(2);
+        round(&mut early, [1.0, 5.0, 9.0], 7);
+        assert_eq!(lost(&early), [Some(0), None, Some(0)], "nobody ever agreed with the one in the middle");
+        let mut later = poll(2);
+        round(&mut later, [1.0, 1.0, 9.0], 10);
+        round(&mut later, [1.0, 1.0, 9.0], 20);
+        assert_eq!(round(&mut later, [1.0, 5.0, 9.0], 30).few, Some(true));
+        assert_eq!(lost(&later), [Some(20), None, None], "the third was outvoted before");
+        let mut silent = poll(2);
+        round(&mut silent, [1.0; 3], 10);
+        assert_eq!((silent.deliver(2, 1.0, 90), silent.deliver(2, 1.0, 100).map(|vote| vote.few)), (None, Some(None)));
+        assert_eq!(silent.look(201).and_then(|vote| vote.few), Some(true));
+        assert_eq!(lost(&silent), [Some(10), Some(10), Some(100)]);
+    }
+
+    #[test]
     fn what_is_forgiven_is_told_anew_when_its_time_is_over() {
         let mut poll = poll(2);
         round(&mut poll, [1.0; 3], 0);
@@ -419,6 +470,12 @@ mod tests {
                 }
                 prop_assert_eq!(few, poll.is_few());
                 prop_assert!(!(few && poll.agrees()));
+                let is_lost = |member: &usize| poll.lost_ns()[*member].is_some();
+                if vote.few == Some(true) {
+                    prop_assert!((0..3).any(|member| is_lost(&member)));
+                    prop_assert!((0..3).filter(is_lost).all(|member| !vote.outcome.agreeing.has(member)));
+                    prop_assert!(poll.lost_ns().iter().flatten().all(|since| *since <= now));
+                }
             }
         }
 

@@ -4,7 +4,9 @@
 use std::collections::VecDeque;
 
 use super::graph::{Graph, Need, Number};
-use crate::model::limits::{CONSEQUENCE_WINDOW, RECENT_FAULTS};
+use crate::model::chain;
+use crate::model::limits::{CHAIN_STEPS, CONSEQUENCE_WINDOW, RECENT_FAULTS};
+use crate::model::symptom::Symptom;
 use crate::model::time::nanoseconds;
 use crate::profile::plan::Coverage;
 
@@ -133,6 +135,8 @@ struct Past {
     slot: Number,
     at_ns: u64,
     root: u64,
+    /// By it a voter may lose the slot's vote.
+    costs_vote: bool,
 }
 
 /// Faults of late: a bounded memory.
@@ -155,6 +159,26 @@ impl Recent {
         steps.find_map(|step| near.iter().rev().find(|past| step.contains(&past.slot)).map(|past| past.root))
     }
 
+    /// Of which earlier fault it is a consequence that a voter lost these members, each of which it heard last, and agreed with,
+    /// at that time: one since then by which they may have lost their votes. Their own come before those of whom they
+    /// need or hear, and of several the latest.
+    #[must_use]
+    pub fn root_of_loss(&self, graph: &Graph, voter: Number, lost: &[(Number, u64)], at_ns: u64) -> Option<u64> {
+        let since_ns = lost.iter().map(|(_, since_ns)| *since_ns).min()?;
+        let may_be = |past: &&Past| past.costs_vote && past.slot != voter && (since_ns..=at_ns).contains(&past.at_ns);
+        let near: Vec<&Past> = self.0.iter().filter(may_be).collect();
+        if near.is_empty() {
+            return None;
+        }
+        let is_own = |past: &&&Past| lost.iter().any(|(slot, since_ns)| past.slot == *slot && past.at_ns >= *since_ns);
+        let own = near.iter().rev().find(is_own).map(|past| past.root);
+        let members: Vec<Number> = lost.iter().map(|(slot, _)| *slot).collect();
+        let mut further = graph.upstream_of(&members).take(CHAIN_STEPS - 1);
+        own.or_else(|| {
+            further.find_map(|step| near.iter().rev().find(|past| step.contains(&past.slot)).map(|past| past.root))
+        })
+    }
+
     /// The root of the fault that a slot had at about that time; `None`: nothing is known of one yet.
     #[must_use]
     pub fn root_at(&self, slot: Number, at_ns: u64) -> Option<u64> {
@@ -163,15 +187,39 @@ impl Recent {
     }
 
     /// Remembers a fault; `root` is the fault that it is a consequence of, or its own sequence number.
-    pub fn remember(&mut self, slot: Number, at_ns: u64, root: u64) {
+    pub fn remember(&mut self, slot: Number, symptom: Symptom, at_ns: u64, root: u64) {
         if self.0.len() == RECENT_FAULTS {
             self.0.pop_front();
         }
-        self.0.push_back(Past { slot, at_ns, root });
+        self.0.push_back(Past { slot, at_ns, root, costs_vote: chain::costs_vote(symptom) });
     }
 
     /// Forgets all: numbers of slots mean others from now on.
     pub fn forget(&mut self) {
         self.0.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::graph::Node;
+    use super::*;
+
+    #[test]
+    fn a_voter_lost_its_member_by_what_befell_that_since_it_agreed() {
+        let need = Need { on: vec![0, 1], require: 2, text: String::new() };
+        let voter = Node { needs: vec![need], ..Node::default() };
+        let nodes = vec![Node::default(), Node::default(), Node::default(), voter];
+        // The third writes to the second.
+        let graph = Graph::new(nodes, 3, 1, &[(2, 1)]);
+        let mut recent = Recent::default();
+        recent.remember(1, Symptom::CrashSegv, 50, 5);
+        recent.remember(2, Symptom::Hang, 55, 6);
+        recent.remember(0, Symptom::Overrun, 90, 7);
+        let later = 10 * nanoseconds(CONSEQUENCE_WINDOW);
+        let root = |lost: &[(Number, u64)]| recent.root_of_loss(&graph, 3, lost, later);
+        assert_eq!((root(&[]), root(&[(0, 0)])), (None, None), "who is late has a vote");
+        assert_eq!((root(&[(0, 40), (1, 40)]), root(&[(1, 50)])), (Some(5), Some(5)), "however long ago");
+        assert_eq!((root(&[(1, 52)]), root(&[(1, 60)])), (Some(6), None), "what it was fed by, but nothing before");
     }
 }

@@ -151,11 +151,21 @@ impl Graph {
     /// Those whose faults may show in a node, by how many steps they are away: first those at one step, and so on, as far as
     /// [`CHAIN_STEPS`]. Nobody beyond a voter: where it failed by itself, that has a root of its own.
     pub fn upstream(&self, number: Number) -> impl Iterator<Item = Vec<Number>> {
-        let (mut seen, mut edge) = (vec![false; self.nodes.len()], vec![number]);
-        seen[number] = true;
+        self.beyond(vec![number], Some(number)).take(CHAIN_STEPS)
+    }
+
+    /// As [`Self::upstream`], of several at once, and nobody beyond one of them that is a voter.
+    pub fn upstream_of(&self, numbers: &[Number]) -> impl Iterator<Item = Vec<Number>> {
+        self.beyond(numbers.to_vec(), None)
+    }
+
+    /// Step by step, and beyond no voter but `open`.
+    fn beyond(&self, mut edge: Vec<Number>, open: Option<Number>) -> impl Iterator<Item = Vec<Number>> {
+        let mut seen = vec![false; self.nodes.len()];
+        edge.iter().for_each(|number| seen[*number] = true);
         let step = move || {
             let mut next = Vec::new();
-            let seen_through = |node: &&Number| **node == number || !self.is_voter(**node);
+            let seen_through = |node: &&Number| Some(**node) == open || !self.is_voter(**node);
             for number in edge.iter().filter(seen_through).flat_map(|number| &self.upstream[*number]) {
                 if !std::mem::replace(&mut seen[*number], true) {
                     next.push(*number);
@@ -164,7 +174,7 @@ impl Graph {
             edge.clone_from(&next);
             (!next.is_empty()).then_some(next)
         };
-        std::iter::from_fn(step).take(CHAIN_STEPS)
+        std::iter::from_fn(step)
     }
 
     /// The slots whose faults may show in one, nearest first, at most [`CHAIN_SLOTS`]; one that is reached through other voters,

@@ -195,8 +195,10 @@ impl Handler {
         if let Some(cause) = event.cause {
             return self.recent.root_at(cast.graph.slot(cause)?, event.fault.at_ns);
         }
-        let blamed = if quorum::is_its_own(event) { cast.graph.voter(event.slot) } else { cast.graph.slot(event.slot) };
-        self.recent.root_of(&cast.graph, blamed?, event.fault.at_ns)
+        if quorum::is_its_own(event) {
+            return self.root_of_quorum(cast, event);
+        }
+        self.recent.root_of(&cast.graph, cast.graph.slot(event.slot)?, event.fault.at_ns)
     }
 
     /// True where a fault is left to another one that has not been told of yet: the recovery of that slot comes first.
@@ -222,7 +224,7 @@ impl Handler {
             return Vec::new();
         };
         if event.answer != Answer::Prepare {
-            self.recent.remember(slot, event.fault.at_ns, root.unwrap_or(sequence));
+            self.recent.remember(slot, event.fault.symptom, event.fault.at_ns, root.unwrap_or(sequence));
         }
         let follows = self.situation.fault(slot, event.outcome, root.unwrap_or(sequence));
         if event.answer == Answer::Emergency {

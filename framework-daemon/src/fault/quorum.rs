@@ -50,13 +50,22 @@ impl Handler {
         };
         let Some(voter) = cast.graph.voter(event.slot) else { return Vec::new() };
         if let Some(root) = fault {
-            self.recent.remember(voter, event.fault.at_ns, root);
+            self.recent.remember(voter, event.fault.symptom, event.fault.at_ns, root);
         }
         if !stops_others(event.severity) {
             return Vec::new();
         }
         self.situation.vote(voter, fault);
         self.settle()
+    }
+
+    /// Of which fault it is a consequence that too few members of a voter agree: one by which it lost a member, after that said
+    /// last what enough agreed with. How long ago that is does not matter: who may be silent for long is missed late.
+    pub(super) fn root_of_quorum(&self, cast: &Cast, event: &FaultEvent) -> Option<u64> {
+        let (number, voter) = cast.numbered().find(|(_, voter)| voter.parts().name == event.slot)?;
+        let members = &cast.graph.nodes()[number].needs.first()?.on;
+        let lost = members.iter().zip(voter.lost_ns()).filter_map(|(member, since_ns)| Some((*member, since_ns?)));
+        self.recent.root_of_loss(&cast.graph, number, &lost.collect::<Vec<_>>(), event.fault.at_ns)
     }
 
     /// Events were lost: the voters tell what they said.

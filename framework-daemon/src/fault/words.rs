@@ -20,8 +20,9 @@ pub fn of_helper(evidence: &Evidence) -> Option<String> {
             short(*value),
             short(*agreed),
         ),
-        Evidence::Quorum { port, field, agreeing, require, members } => {
-            format!("{}: {agreeing} of {members} agree, {require} must", place(port, field))
+        Evidence::Quorum { port, field, agreeing, require, members, forgiven } => {
+            let forgiven = if *forgiven { ", forgiven with the emergency stop" } else { "" };
+            format!("{}: {agreeing} of {members} agree, {require} must{forgiven}", place(port, field))
         }
         _ => return None,
     })
@@ -78,7 +79,7 @@ mod tests {
         let field = Label::new("");
         let vote = Evidence::Vote { port, field, value: 9.0, agreed: 1.5, agreeing: 2, tolerance: 0.5 };
         assert_eq!(of_helper(&vote).unwrap(), "board.encoders: 9, where 2 agree on 1.5 within 0.5");
-        let few = Evidence::Quorum { port, field, agreeing: 1, require: 2, members: 3 };
+        let few = Evidence::Quorum { port, field, agreeing: 1, require: 2, members: 3, forgiven: false };
         assert_eq!(of_helper(&few).unwrap(), "board.encoders: 1 of 3 agree, 2 must");
         assert_eq!((short(-0.000_123_456_7), short(f64::NAN)), ("-0.000123457".into(), "NaN".into()));
         assert!(short(1e300).parse::<f64>().is_ok_and(|read| (read - 1e300).abs() < 1e290));

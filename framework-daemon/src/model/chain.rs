@@ -52,6 +52,31 @@ pub const fn may_follow(symptom: Symptom) -> bool {
     }
 }
 
+/// True of a symptom by which a voter may lose the slot's vote: it is silent from then on, or what it says is wrong. A callback
+/// that is late, a queue that overflows or a wiring that does not fit costs no vote, nor does what somebody tells of.
+#[must_use]
+pub const fn costs_vote(symptom: Symptom) -> bool {
+    match symptom {
+        Symptom::CrashPanic
+        | Symptom::CrashSegv
+        | Symptom::CrashBus
+        | Symptom::CrashFpe
+        | Symptom::CrashIll
+        | Symptom::CrashAbort
+        | Symptom::CrashStack
+        | Symptom::CrashExit
+        | Symptom::Error
+        | Symptom::Hang
+        | Symptom::Validity
+        | Symptom::Rate
+        | Symptom::Stale
+        | Symptom::Model
+        | Symptom::Vote
+        | Symptom::Device => true,
+        Symptom::Overrun | Symptom::Type | Symptom::Raised | Symptom::Late | Symptom::Overload => false,
+    }
+}
+
 /// True where the answer to a symptom may wait for that of its root; `reaches_all`: a stop of the slot is an emergency.
 #[must_use]
 pub const fn may_wait(symptom: Symptom, severity: Severity, reaches_all: bool) -> bool {
@@ -188,6 +213,12 @@ mod tests {
         }
         assert!(may_wait(Symptom::Validity, Severity::Reset, true) && may_wait(Symptom::Error, Severity::Stop, false));
         assert!(!may_follow(Symptom::CrashPanic));
+    }
+
+    #[test]
+    fn what_loses_the_instance_costs_its_vote() {
+        assert!(Symptom::ALL.into_iter().all(|symptom| !symptom.loses_instance() || costs_vote(symptom)));
+        assert!(!costs_vote(Symptom::Overrun));
     }
 
     #[test]

@@ -175,6 +175,9 @@ pub enum Evidence {
         require: u32,
         /// How many may vote.
         members: u32,
+        /// It is over because it was forgiven together with the emergency stop, not because enough agree.
+        #[serde(skip_serializing_if = "std::ops::Not::not")]
+        forgiven: bool,
     },
     /// A device that does not work, or works again.
     Device {

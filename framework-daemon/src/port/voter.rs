@@ -103,6 +103,17 @@ impl Shortfall {
     }
 }
 
+/// What becomes of a voter's own fault.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Quorum {
+    /// Too few agree.
+    Lost,
+    /// Enough agree again.
+    Found,
+    /// Too few agreed, and that counts no more.
+    Forgiven,
+}
+
 /// What it did lately.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tally {
@@ -189,14 +200,27 @@ impl Voter {
         self.state().poll.agrees()
     }
 
-    /// That too few agree is forgiven: they have the time again in which each may be silent, or it is told anew.
+    /// Of each member since when it may be wrong or silent by which too few agree, as was told last; `None`: it is not by that one.
+    #[must_use]
+    pub fn lost_ns(&self) -> [Option<u64>; VOTERS] {
+        *self.state().poll.lost_ns()
+    }
+
+    /// That too few agree is forgiven: they have the time again in which each may be silent, or it is told anew. That what was
+    /// told before is over is told, too.
     pub fn forgive(&self, now_ns: u64) {
         let mut state = self.state();
-        if state.poll.is_few() {
+        let was_few = state.poll.is_few();
+        if was_few {
             self.shortfall.note(false, now_ns);
         }
         state.poll.forgive(now_ns);
         self.set_due(&state.poll);
+        let agreeing = state.last.map_or(0, |vote| vote.outcome.agreeing.count());
+        drop(state);
+        if was_few {
+            self.tell_of_itself(agreeing, Quorum::Forgiven, now_ns);
+        }
     }
 
     /// When too few of its members agreed.
@@ -270,7 +294,8 @@ impl Voter {
             self.charge(members, |member| Fault { stage, ..Fault::told(Symptom::Stale, now_ns, silence(&member)) });
         }
         if let Some(few) = vote.few {
-            self.tell_of_itself(vote, few, now_ns);
+            let quorum = if few { Quorum::Lost } else { Quorum::Found };
+            self.tell_of_itself(vote.outcome.agreeing.count(), quorum, now_ns);
         }
     }
 
@@ -286,15 +311,17 @@ impl Voter {
     }
 
     /// Too few agree, or enough again: nobody else's fault. Its own rule answers it.
-    fn tell_of_itself(&self, vote: &Vote, few: bool, now_ns: u64) {
+    fn tell_of_itself(&self, agreeing: usize, quorum: Quorum, now_ns: u64) {
         let Parts { name, demand, field, members, output, faults, severity, .. } = &self.parts;
         let evidence = Evidence::Quorum {
             port: Label::of(format_args!("{name}.{}", output.name)),
             field: *field,
-            agreeing: vote.outcome.agreeing.count() as u32,
+            agreeing: agreeing as u32,
             require: demand.require as u32,
             members: members.len() as u32,
+            forgiven: quorum == Quorum::Forgiven,
         };
+        let few = quorum == Quorum::Lost;
         let stage = if few { Stage::Confirmed } else { Stage::Healed };
         let (answer, outcome) = match severity {
             Severity::Stop if few => (Answer::Stop, Outcome::Stopped),

@@ -8,6 +8,7 @@ use framework_daemon::fault::situation::Situation;
 use framework_daemon::model::chain::{self, Lapse, Mark};
 use framework_daemon::model::fault::Outcome;
 use framework_daemon::model::ladder::{Answer, Ladder};
+use framework_daemon::model::limits::CONSEQUENCE_WINDOW;
 use framework_daemon::model::symptom::{Severity, Symptom};
 use framework_daemon::profile::plan::Coverage;
 
@@ -236,14 +237,22 @@ impl Life {
 
     /// The root of the newest fault, of a slot or a voter: an earlier one, or itself.
     fn place(&mut self, number: usize) -> Result<u64, String> {
-        let root = self.recent.root_of(&self.graph, number, self.now_ns);
+        // All of a voter's members are presumed to have agreed until the window began.
+        let since_ns = self.now_ns.saturating_sub(CONSEQUENCE_WINDOW.as_nanos() as u64);
+        let members = self.graph.nodes()[number].needs.iter().flat_map(|need| &need.on);
+        let lost: Vec<_> = members.map(|member| (*member, since_ns)).collect();
+        let root = if self.graph.is_voter(number) {
+            self.recent.root_of_loss(&self.graph, number, &lost, self.now_ns)
+        } else {
+            self.recent.root_of(&self.graph, number, self.now_ns)
+        };
         let wanted = naive::root_of(&self.drawn, &self.past, number, self.now_ns);
         if root != wanted {
             return Err(format!("the fault of {number} is told to be a consequence of {root:?}, not of {wanted:?}"));
         }
         self.count(if root.is_some() { "consequences" } else { "roots" });
         let root = root.unwrap_or(self.sequence);
-        self.recent.remember(number, self.now_ns, root);
+        self.recent.remember(number, Symptom::CrashSegv, self.now_ns, root);
         self.past.push(Past { slot: number, at_ns: self.now_ns, root });
         Ok(root)
     }

@@ -169,6 +169,58 @@ fn a_file_that_somebody_removed_between_two_runs_is_missed() {
 }
 
 #[test]
+fn what_somebody_writes_into_it_is_written_over() {
+    let robot = robot(RULES, "");
+    let mut daemon = run(&robot, &["--inject", "sensor:crash.segv@0.5"]);
+    let old = fs::read(file(&robot)).unwrap();
+    raised(&robot, &daemon);
+    for (count, bytes) in [&b""[..], &old].into_iter().enumerate() {
+        fs::write(file(&robot), bytes).unwrap();
+        let line = daemon.journal("latch", count + 1).pop().unwrap();
+        assert_eq!((&line["found"], &line["file"]), (&"somebody wrote into it".into(), &file(&robot).to_str().into()));
+        assert!(fs::read_to_string(file(&robot)).unwrap().contains("crash.segv"), "it is what it was");
+    }
+    fs::remove_file(file(&robot)).unwrap();
+    daemon.wait_for("somebody moved or removed it; it says again what is so");
+    killed(daemon);
+    let next = run(&robot, &[]);
+    next.wait_for("the run before left it latched for crash.segv of sensor (fault ");
+    daemon = next;
+    assert_eq!(ask(&daemon, "fault clear").code, Some(0));
+    // What is not latched is not to be found latched.
+    spoil(&file(&robot), "");
+    let line = daemon.journal("latch", 4).pop().unwrap();
+    assert_eq!(line["found"], "somebody moved or removed it");
+    killed(daemon);
+    assert!(!is_latched(&run(&robot, &[])));
+}
+
+#[test]
+fn what_it_is_raised_for_again_is_told_with_the_first() {
+    let robot = robot(RULES, "");
+    let rules = slot("other", "Witness", RULES);
+    robot.profiles.replace("app.xml", "</subcomponents>", &format!("{rules}</subcomponents>"));
+    let daemon = run(&robot, &["--inject", "sensor:crash.segv@0.3", "--inject", "other:crash.panic@0.6"]);
+    daemon
+        .until("both are written", || fs::read_to_string(file(&robot)).is_ok_and(|text| text.contains("crash.panic")));
+    let roots: Vec<_> = daemon.journal("fault", 2).iter().map(|fault| fault["seq"].clone()).collect();
+    let raised = || daemon.entries("emergency").into_iter().filter(|line| line["step"] == "raised");
+    daemon.until("both are told", || raised().count() == 2);
+    assert_eq!(raised().map(|line| line["root"].clone()).collect::<Vec<_>>(), roots, "each of its own fault");
+    killed(daemon);
+    let daemon = run(&robot, &[]);
+    let told = |text: &str| {
+        let both = text
+            .split_once(" for crash.segv of sensor (fault ")
+            .and_then(|(_, rest)| rest.split_once("raised again for "));
+        assert!(both.is_some_and(|(_, again)| again.starts_with("crash.panic of other (fault ")), "{text}");
+    };
+    told(&daemon.log());
+    told(&ask(&daemon, "status").out);
+    told(&ask(&daemon, "fault clear").out);
+}
+
+#[test]
 fn where_it_cannot_be_kept_that_is_told_and_tried_again() {
     let robot = robot(RULES, "");
     let daemon = run(&robot, RAISE);

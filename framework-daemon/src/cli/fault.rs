@@ -22,7 +22,7 @@ const LIST_EXAMPLES: &str = "Examples:\n  framework-daemon fault list\n  framewo
      Times of day are UTC. `took` is the time from the fault to the first completed callback.";
 
 const CLEAR_EXAMPLES: &str = "Examples:\n  framework-daemon fault clear\n\n\
-     Exit codes: 0 cleared, 5 no daemon can be reached, 6 refused: none is latched.";
+     Exit codes: 0 cleared, 5 no daemon can be reached, 6 refused: none is latched, 7 it stays: it was raised again at this moment.";
 
 const FOLLOW_EXAMPLES: &str = "Examples:\n  framework-daemon fault follow\n  \
      framework-daemon fault follow --slot avoider --last 10 --format json\n\n\
@@ -114,7 +114,7 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
         Verb::Show { seq, remote } => fault_show::run(*seq, remote, out),
         Verb::Clear { remote } => remote.ask_patiently("ClearEmergency", Map::new(), out, |answer| {
             let actuators = answer["actuators"].as_array().into_iter().flatten().map(ordered);
-            let head = match super::status::raised_for(&answer["cause"]) {
+            let head = match super::status::raised_for(answer) {
                 raised if raised.is_empty() => "the emergency stop is cleared".to_owned(),
                 raised => format!("the emergency stop{raised} is cleared"),
             };

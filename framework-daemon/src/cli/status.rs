@@ -10,7 +10,7 @@ use super::exit_code::Exit;
 use super::remote::Remote;
 use crate::control::helpers;
 use crate::control::views::{cell, status_table};
-use crate::sys::latch::Cause;
+use crate::sys::latch::{Again, Cause};
 
 const EXAMPLES: &str = "Examples:\n  framework-daemon status\n  \
      framework-daemon status --format json | jq '.slots[] | select(.faults > 0) | .slot'\n\n\
@@ -35,10 +35,7 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     arguments.remote.ask("Status", Map::new(), out, |status| {
         let head = format!("{}: {}, process {}", cell(&status["directory"]), cell(&status["state"]), status["pid"]);
         let head = if status["emergency"] == true {
-            format!(
-                "EMERGENCY STOP latched{} (`fault clear` takes it back); {head}",
-                raised_for(&status["latch"]["cause"])
-            )
+            format!("EMERGENCY STOP latched{} (`fault clear` takes it back); {head}", raised_for(&status["latch"]))
         } else {
             head
         };
@@ -55,8 +52,9 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
     })
 }
 
-/// ` for crash.segv of sensor (fault 12, 9 h ago)`, where that is known.
-pub(super) fn raised_for(cause: &Value) -> String {
-    let cause = Cause::deserialize(cause);
-    cause.map(|cause| format!(" for {cause}")).unwrap_or_default()
+/// ` for crash.segv of sensor (fault 12, 9 h ago), raised again for crash.panic of arm (fault 14, 3 s ago)`, where that is known.
+pub(super) fn raised_for(latch: &Value) -> String {
+    let cause = Cause::deserialize(&latch["cause"]).map(|cause| format!(" for {cause}")).unwrap_or_default();
+    let again = Again::deserialize(&latch["again"]).map(|again| format!(", {again}")).unwrap_or_default();
+    cause + &again
 }

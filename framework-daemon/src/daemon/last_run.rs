@@ -76,7 +76,8 @@ pub(super) fn restore_latch(settings: &Settings, plan: &mut Plan, journal: &Shar
 
 fn of_record(record: &Record) -> String {
     let cause = record.cause.as_ref().map(|cause| format!(" for {cause}")).unwrap_or_default();
-    format!("the run before left it latched{cause}; its profiles: {}", record.profiles)
+    let again = record.again.as_ref().map(|again| format!(", {again}")).unwrap_or_default();
+    format!("the run before left it latched{cause}{again}; its profiles: {}", record.profiles)
 }
 
 /// Those of them that are slots of this plan are actuators.

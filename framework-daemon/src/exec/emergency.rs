@@ -14,6 +14,7 @@ use crossbeam_channel::Sender;
 use crate::model::lifecycle::State;
 use crate::port::exchange::Exchange;
 use crate::sys::bell::{Ring, Signal};
+use crate::sys::latch::Mark;
 use crate::sys::{clock, latch, safe_outputs};
 
 static ACTUATORS: LazyLock<Exchange<Vec<Actuator>>> = LazyLock::new(|| Exchange::new(Vec::new()));
@@ -43,6 +44,8 @@ pub enum Notice {
         outputs: u32,
         /// It was not latched before.
         is_first: bool,
+        /// Which raise it was.
+        mark: Mark,
     },
     /// An actuator was stopped.
     Stopped {
@@ -83,9 +86,9 @@ pub fn arm(actuators: Vec<Actuator>) {
 pub fn raise(slot: &'static str, at_ns: u64) {
     let outputs = safe_outputs::write_armed();
     let written_ns = clock::now_ns();
-    let is_first = latch::set();
+    let (mark, is_first) = latch::set();
     // Before those who are told tell what they did.
-    tell(Notice::Raised { slot, at_ns, written_ns, outputs, is_first });
+    tell(Notice::Raised { slot, at_ns, written_ns, outputs, is_first, mark });
     ring();
     if is_first {
         // Not before they were told: a disk may let it wait, and what drives may not.
@@ -113,8 +116,8 @@ pub fn latched() -> bool {
     latch::is_set()
 }
 
-/// Takes it back; `None`: it was not latched.
+/// Takes it back as it is now; `None`: it was not latched.
 #[must_use]
 pub fn clear() -> Option<latch::Cleared> {
-    latch::clear()
+    latch::mark().and_then(latch::clear)
 }

@@ -129,7 +129,7 @@ pub struct Member {
     /// Who may be the root of its faults; `None`: nobody.
     pub chain: Option<Box<Chain>>,
     /// When the emergency stop was latched that it heard last; 0: it heard none.
-    pub stopped_ns: u64,
+    pub stopped_us: u64,
 }
 
 /// Idle fibers kept for a member's size of stack: one runs, one is there when the first is lost.

@@ -82,8 +82,8 @@ impl Member {
     pub fn emergency_stop(&mut self, crew: &mut Crew) {
         let state = self.state();
         // Taken back before it was heard; or heard before.
-        let Some(since_ns) = latch::since_ns() else { return };
-        if std::mem::replace(&mut self.stopped_ns, since_ns) == since_ns && state != State::Active {
+        let Some(since_us) = latch::mark().map(latch::Mark::since_us) else { return };
+        if std::mem::replace(&mut self.stopped_us, since_us) == since_us && state != State::Active {
             return;
         }
         self.end_wait(crew);

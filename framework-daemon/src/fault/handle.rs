@@ -12,6 +12,7 @@ use super::diagnose::{Own, Recent, Verdict, diagnose};
 use super::graph::{Graph, Number};
 use super::order::{Order, Refused, Verb};
 use super::quorum;
+use super::raises::Raises;
 use super::situation::{Senseless, Situation};
 use crate::exec::emergency::{self, Notice};
 use crate::exec::executor::{Executor, Move};
@@ -23,6 +24,7 @@ use crate::model::lifecycle::State;
 use crate::model::limits::{BOOT_STEP, HANDLING_STEP};
 use crate::port::voter::Voter;
 use crate::profile::plan::Plan;
+use crate::sys::latch::Mark;
 use crate::sys::{clock, latch};
 
 /// A slot as it is handled.
@@ -162,6 +164,7 @@ pub struct Handler {
     pub(super) recent: Recent,
     /// The fault that the emergency stop is latched for.
     emergency: Option<u64>,
+    pub(super) raises: Raises,
 }
 
 impl Handler {
@@ -234,6 +237,9 @@ impl Handler {
     }
 
     pub(super) fn note_emergency(&mut self, event: &FaultEvent, sequence: u64) {
+        if event.answer == Answer::Emergency {
+            self.raises.record(event.slot, event.fault.at_ns, sequence);
+        }
         if event.answer == Answer::Emergency && emergency::latched() && self.emergency.is_none() {
             self.emergency = Some(sequence);
         }
@@ -257,19 +263,20 @@ impl Handler {
 
     /// True when it is known for which fault the emergency stop was raised: that comes a little later than the stop.
     #[must_use]
-    pub const fn knows_emergency(&self) -> bool {
-        self.emergency.is_some()
+    pub fn knows_root_of(&self, notice: &Notice) -> bool {
+        let is_open = matches!(notice, Notice::Raised { slot, at_ns, .. } if self.raises.is_open(slot, *at_ns));
+        self.emergency.is_some() && !is_open
     }
 
     /// A line about the emergency stop.
     #[must_use]
     pub fn describe(&self, notice: Notice) -> Line {
         let fields = match notice {
-            Notice::Raised { slot, at_ns, written_ns, outputs, is_first } => {
+            Notice::Raised { slot, at_ns, written_ns, outputs, is_first, .. } => {
                 let after_ns = written_ns.saturating_sub(at_ns);
                 let latched = if is_first { "; latched until `fault clear`" } else { "" };
                 tracing::error!("EMERGENCY STOP for a fault of {slot}: {outputs} safe outputs written{latched}");
-                json!({"step": "raised", "slot": slot, "outputs": outputs, "after_ns": after_ns, "root": self.emergency})
+                json!({"step": "raised", "slot": slot, "outputs": outputs, "after_ns": after_ns, "root": self.raises.number_of(slot, at_ns).or(self.emergency)})
             }
             Notice::Stopped { slot, state, outputs, at_ns } => {
                 tracing::error!("emergency stop: actuator {slot} is {}, {outputs} safe outputs written", state.name());
@@ -307,8 +314,12 @@ impl Handler {
     /// The operator takes the emergency stop back: actuators start again.
     fn clear(&mut self) -> Result<(Value, Vec<Line>), Refused> {
         self.refuse_while_voters_fall_short()?;
-        let cleared = emergency::clear()
-            .ok_or_else(|| Refused::Other("no emergency stop is latched: there is nothing to clear".to_owned()))?;
+        let nothing = || Refused::Other("no emergency stop is latched: there is nothing to clear".to_owned());
+        let mark = latch::mark().ok_or_else(nothing)?;
+        let unseen = || Refused::raised_again(self.raises.newest());
+        // Raised again in this very moment, too.
+        let cleared = Some(mark).filter(|mark| self.may_clear(*mark)).and_then(latch::clear).ok_or_else(unseen)?;
+        let cause = cleared.cause.or_else(|| self.raises.first().cloned());
         let mut fields = Map::new();
         fields.insert("root".into(), self.emergency.take().into());
         let mut lines = vec![("clear", fields)];
@@ -318,7 +329,14 @@ impl Handler {
         let nodes = self.cast.iter().flat_map(|cast| cast.graph.nodes()).enumerate();
         let actuators = nodes.filter(|(_, node)| node.is_actuator).map(|(number, _)| number);
         let slots: Vec<Value> = actuators.map(|number| self.answer(number)).collect();
-        Ok((json!({"actuators": slots, "cause": cleared.cause, "failure": latch::failure()}), lines))
+        Ok((json!({"actuators": slots, "cause": cause, "again": cleared.again, "failure": latch::failure()}), lines))
+    }
+
+    /// True where an operator can know of all that the latch, as it is, was raised for. The first raise may come with its order,
+    /// which it is then for.
+    #[must_use]
+    pub fn may_clear(&self, mark: Mark) -> bool {
+        mark.is_first() || self.raises.are_told(mark)
     }
 
     /// A slot, and why it does not run.

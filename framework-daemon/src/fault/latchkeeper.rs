@@ -7,17 +7,19 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, unbounded};
+use serde_json::Map;
 
 use super::manager::SharedJournal;
-use crate::sys::latch::{self, Cause};
+use crate::sys::latch::{self, Cause, Mark, Meddled};
 use crate::sys::thread;
 
-/// How long until a file that could not be written is tried again: somebody may have made room.
+/// How long until a file that could not be written is tried again, because somebody may have made room; and until it is read
+/// whether it still says what is so.
 const AGAIN: Duration = Duration::from_secs(1);
 
 /// The thread, and how it is told.
 pub struct Latchkeeper {
-    sender: Sender<Option<Cause>>,
+    sender: Sender<Option<(Mark, Cause)>>,
     thread: JoinHandle<()>,
 }
 
@@ -33,7 +35,7 @@ impl Latchkeeper {
     }
 
     /// It was raised; `cause`: what for, once that is known.
-    pub fn tell(&self, cause: Option<Cause>) {
+    pub fn tell(&self, cause: Option<(Mark, Cause)>) {
         let _ = self.sender.send(cause);
     }
 
@@ -44,7 +46,7 @@ impl Latchkeeper {
     }
 }
 
-fn serve(told: &Receiver<Option<Cause>>, journal: &SharedJournal) {
+fn serve(told: &Receiver<Option<(Mark, Cause)>>, journal: &SharedJournal) {
     let (mut before, mut is_held) = (None, true);
     loop {
         let received = told.recv_timeout(AGAIN);
@@ -53,6 +55,7 @@ fn serve(told: &Receiver<Option<Cause>>, journal: &SharedJournal) {
         }
         if received.is_err() {
             is_held = hold_place(journal, is_held);
+            latch::look_after().into_iter().for_each(|meddled| note(journal, &meddled));
         }
         // Somebody else may have tried meanwhile, in vain.
         look(&mut before);
@@ -75,6 +78,15 @@ fn hold_place(journal: &SharedJournal, was_held: bool) -> bool {
         _ => {}
     }
     held.is_ok()
+}
+
+/// What somebody did to the file of the latch.
+fn note(journal: &SharedJournal, Meddled { file, found }: &Meddled) {
+    tracing::warn!("the latch of the emergency stop {}: {found}; it says again what is so", file.display());
+    let fields = [("file", file.to_string_lossy().into_owned()), ("found", (*found).to_owned())];
+    let fields = fields.map(|(name, text)| (name.to_owned(), text.into()));
+    let noted = journal.lock().unwrap_or_else(PoisonError::into_inner).note("latch", Map::from_iter(fields));
+    noted.unwrap_or_else(|error| tracing::error!("the journal cannot be written: {error}"));
 }
 
 /// Tells what changed.

@@ -16,18 +16,19 @@ use super::handle::{self, Cast, Handler, Line, Reasons};
 use super::journal::Journal;
 use super::latchkeeper::Latchkeeper;
 use super::ledger::{Ledger, Verdict};
-use super::order::{Order, Verb};
+use super::order::{Order, Refused, Verb};
 use super::{ports, quorum, words};
 use crate::exec::emergency::{self, Notice};
 use crate::exec::recover::lost_events;
 use crate::exec::slot::Slot;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Memory, Outcome, RestartRequest, Stage};
+use crate::model::ladder::Answer;
 use crate::model::limits::{CONSEQUENCE_LINES, CONSEQUENCE_WINDOW, EMERGENCY_KNOWN, EMERGENCY_NOTICES, FAULT_EVENTS};
 use crate::model::symptom::Symptom;
 use crate::model::time::nanoseconds;
 use crate::plugin::symbols::{Origin, Symbols};
 use crate::sys::latch::Cause;
-use crate::sys::{clock, foreign, thread, trap};
+use crate::sys::{clock, foreign, latch, thread, trap};
 
 /// The journal, shared with those who note starts, reloads and stops.
 pub type SharedJournal = Arc<Mutex<Journal>>;
@@ -221,7 +222,7 @@ impl Desk {
                     Err(_) => notices = crossbeam_channel::never(),
                 },
                 recv(wishes) -> wish => match wish {
-                    Ok(wish) => self.grant(wish, inbox),
+                    Ok(wish) => self.grant(wish, inbox, &notices),
                     Err(_) => wishes = crossbeam_channel::never(),
                 },
                 default(self.patience()) => self.take_consequences(),
@@ -258,7 +259,7 @@ impl Desk {
         }
     }
 
-    fn grant(&mut self, wish: Wish, inbox: &Receiver<FaultEvent>) {
+    fn grant(&mut self, wish: Wish, inbox: &Receiver<FaultEvent>, notices: &Receiver<Notice>) {
         match wish {
             Wish::Adopt(cast, done) => {
                 self.slots = cast.slots();
@@ -273,10 +274,11 @@ impl Desk {
                 let _ = done.send(());
             }
             Wish::Obey(order) => {
-                if order.verb == Verb::Clear {
-                    self.catch_up(inbox);
-                }
-                let obeyed = self.handler.obey(&order).map(|(answer, lines)| {
+                let allowed = match order.verb {
+                    Verb::Clear => self.look_before_clearing(inbox, notices),
+                    _ => Ok(()),
+                };
+                let obeyed = allowed.and_then(|()| self.handler.obey(&order)).map(|(answer, lines)| {
                     self.follow(lines);
                     answer
                 });
@@ -286,12 +288,38 @@ impl Desk {
     }
 
     /// What the emergency stop was raised for is taken note of before it is taken back, or its slot would stay stopped for a fault
-    /// that nobody had cleared. It is on its way; that of a run before never comes.
-    fn catch_up(&mut self, inbox: &Receiver<FaultEvent>) {
+    /// that nobody had cleared. It is on its way. Where it had been raised before, whoever wants to clear that knows nothing of
+    /// this one: it is named, and stays.
+    fn look_before_clearing(
+        &mut self,
+        inbox: &Receiver<FaultEvent>,
+        notices: &Receiver<Notice>,
+    ) -> Result<(), Refused> {
+        let is_known = latch::mark().is_none_or(|mark| self.handler.may_clear(mark));
+        self.catch_up(inbox, notices);
+        match latch::mark() {
+            Some(mark) if !is_known => {
+                self.handler.raises.show(mark);
+                Err(Refused::raised_again(self.handler.raises.newest()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn catch_up(&mut self, inbox: &Receiver<FaultEvent>, notices: &Receiver<Notice>) {
         let until = Instant::now() + EMERGENCY_KNOWN;
-        while emergency::latched() && !self.handler.knows_emergency() {
-            let Ok(event) = inbox.recv_deadline(until) else { return };
-            self.receive(event);
+        while latch::mark().is_some_and(|mark| !self.handler.raises.are_told(mark)) {
+            select! {
+                recv(inbox) -> event => match event {
+                    Ok(event) => self.receive(event),
+                    Err(_) => return,
+                },
+                recv(notices) -> notice => match notice {
+                    Ok(notice) => self.note(notice),
+                    Err(_) => return,
+                },
+                default(until.saturating_duration_since(Instant::now())) => return,
+            }
         }
     }
 
@@ -314,8 +342,9 @@ impl Desk {
 
     /// What is told of the emergency stop waits for the fault that it was raised for.
     fn note(&mut self, notice: Notice) {
-        if let Notice::Raised { is_first, .. } = notice {
+        if let Notice::Raised { slot, at_ns, is_first, mark, .. } = notice {
             emergency::ring();
+            self.handler.raises.hear(mark, slot, at_ns);
             if is_first {
                 self.latch.tell(None);
             }
@@ -325,11 +354,12 @@ impl Desk {
     }
 
     fn tell_notices(&mut self) {
-        if self.handler.knows_emergency() {
-            let lines =
-                std::mem::take(&mut self.notices).into_iter().map(|notice| self.handler.describe(notice)).collect();
-            self.follow(lines);
-        }
+        let told = std::mem::take(&mut self.notices);
+        let (told, open) = told.into_iter().partition(|notice| self.handler.knows_root_of(notice));
+        self.notices = open;
+        let told: Vec<Notice> = told;
+        let lines = told.into_iter().map(|notice| self.handler.describe(notice)).collect();
+        self.follow(lines);
     }
 
     /// Those who depend on the slot are stopped before anybody looks for the names of functions in files, which takes a hundred
@@ -338,7 +368,7 @@ impl Desk {
         self.note_lost();
         // Whoever reads of a fault finds it counted.
         let verdict = self.count(event);
-        let (root, knew) = (self.handler.root_of(event), self.handler.knows_emergency());
+        let root = self.handler.root_of(event);
         let sequence = self.journal.lock().unwrap_or_else(PoisonError::into_inner).number();
         let lines = self.handler.take(event, sequence, root);
         let origin = match &event.fault.evidence {
@@ -346,17 +376,25 @@ impl Desk {
             _ => Origin::default(),
         };
         let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).fault(sequence, event, &origin, root);
-        if self.handler.knows_emergency() && !knew {
-            let (slot, symptom) = (event.slot.to_owned(), event.fault.symptom.name().to_owned());
-            let wall = written.0.get("wall").and_then(Value::as_f64).unwrap_or_default();
-            self.latch.tell(Some(Cause { slot, symptom, fault: sequence, wall }));
-        }
+        self.explain_emergency(event, sequence, &written.0);
         self.publish(written);
         tell(event, &origin);
         ports::shared().tell(event, sequence, &describe(&event.fault, &origin));
         self.tell_notices();
         self.follow(lines);
         verdict.into_iter().for_each(|verdict| self.obey(verdict));
+    }
+
+    /// What the emergency stop was raised for, for whoever starts the robot anew.
+    fn explain_emergency(&mut self, event: &FaultEvent, sequence: u64, line: &Map<String, Value>) {
+        let is_cause = event.answer == Answer::Emergency && event.fault.stage == Stage::Confirmed;
+        if let Some(mark) = latch::mark().filter(|_| is_cause) {
+            let (slot, symptom) = (event.slot.to_owned(), event.fault.symptom.name().to_owned());
+            let wall = line.get("wall").and_then(Value::as_f64).unwrap_or_default();
+            let cause = Cause { slot, symptom, fault: sequence, wall };
+            self.handler.raises.explain(mark, &cause);
+            self.latch.tell(Some((mark, cause)));
+        }
     }
 
     fn note_lost(&mut self) {
@@ -367,6 +405,7 @@ impl Desk {
             let written = self.journal.lock().unwrap_or_else(PoisonError::into_inner).tell("lost", count);
             self.publish(written);
             self.lost = now;
+            self.handler.raises.give_up();
             let lines = self.handler.look_around();
             self.follow(lines);
         }
@@ -413,7 +452,7 @@ fn tell(event: &FaultEvent, origin: &Origin) {
                 action(event)
             );
         }
-        Outcome::Stopped if event.answer == crate::model::ladder::Answer::Emergency => {
+        Outcome::Stopped if event.answer == Answer::Emergency => {
             tracing::error!("slot {slot} ({class}): {symptom}: {message}; emergency stop");
         }
         Outcome::Stopped if quorum::is_its_own(event) => {
@@ -480,8 +519,8 @@ fn time(ns: u64) -> String {
 
 fn action(event: &FaultEvent) -> &'static str {
     match event.answer {
-        crate::model::ladder::Answer::Replace => "replacement",
-        crate::model::ladder::Answer::Prepare => "spare",
+        Answer::Replace => "replacement",
+        Answer::Prepare => "spare",
         _ => "reset",
     }
 }

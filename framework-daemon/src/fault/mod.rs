@@ -38,6 +38,9 @@ pub mod ports;
 /// What follows where too few members of a voter agree.
 pub mod quorum;
 
+/// Which raises of the emergency stop an operator can know of; pure.
+pub mod raises;
+
 /// How all slots are, and what follows; pure.
 pub mod situation;
 

@@ -3,6 +3,7 @@
 use serde_json::Value;
 
 use crate::model::lifecycle::State;
+use crate::sys::latch::Cause;
 
 /// What is to be done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,6 +51,15 @@ impl Refused {
         Self::Latched(
             "the emergency stop is latched: see what is wrong, then `framework-daemon fault clear`".to_owned(),
         )
+    }
+
+    /// Nobody has seen yet what it was raised for.
+    pub(super) fn raised_again(newest: Option<&Cause>) -> Self {
+        let cause = newest.map_or_else(|| "a fault that is not written down yet".to_owned(), ToString::to_string);
+        Self::Latched(format!(
+            "the emergency stop is not cleared, because it was raised again at this moment, for {cause}: see what is wrong, then \
+             `framework-daemon fault clear` again"
+        ))
     }
 
     pub(super) fn failed(slot: &str) -> Self {

@@ -226,7 +226,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         breath: None,
         coverage: plan.rules.coverage,
         chain: None,
-        stopped_ns: 0,
+        stopped_us: 0,
     }
 }
 

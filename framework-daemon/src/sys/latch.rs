@@ -26,9 +26,9 @@ mod record;
 
 use file::Kept;
 pub use file::Left;
-pub use record::{Cause, Record};
+pub use record::{Again, Cause, Record};
 
-/// When it was latched; 0: it is not.
+/// A [`Mark`]; 0: it is not latched.
 static LATCH: AtomicU64 = AtomicU64::new(0);
 static KEPT: Mutex<Option<Kept>> = Mutex::new(None);
 // Held while names are compared or swapped.
@@ -45,6 +45,56 @@ pub fn beside(journal: &Path) -> PathBuf {
 #[must_use]
 pub fn link_beside(called: &Path) -> Option<PathBuf> {
     called.is_symlink().then(|| beside(called))
+}
+
+/// When it was latched, by which run, and how often it was raised by then: who clears it clears no raise that came after that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mark(u64);
+
+impl Mark {
+    /// Bits below the time.
+    const BITS: u32 = 16;
+    /// The run before left it latched.
+    const LEFT: u64 = 1 << (Self::BITS - 1);
+    /// The largest count, more than there are slots; it goes no further.
+    const MOST: u64 = Self::LEFT - 1;
+
+    /// Latched at that time and raised so often; kept in microseconds, for which the other bits last nine years of uptime.
+    #[must_use]
+    pub const fn new(now_ns: u64, raises: u64) -> Self {
+        let now_us = now_ns / 1_000;
+        Self((if now_us == 0 { 1 } else { now_us }) << Self::BITS | raises)
+    }
+
+    /// Found latched at that time.
+    #[must_use]
+    pub const fn left(now_ns: u64) -> Self {
+        Self::new(now_ns, Self::LEFT)
+    }
+
+    /// When it was latched (monotonic, microseconds): of one latch, as long as that lasts.
+    #[must_use]
+    pub const fn since_us(self) -> u64 {
+        self.0 >> Self::BITS
+    }
+
+    /// How often it was raised in this run since it is latched.
+    #[must_use]
+    pub const fn raises(self) -> u64 {
+        self.0 & Self::MOST
+    }
+
+    /// True where its first raise in this run found it unlatched, and is the only one.
+    #[must_use]
+    pub const fn is_first(self) -> bool {
+        self.raises() == 1 && self.0 & Self::LEFT == 0
+    }
+
+    /// Raised once more.
+    #[must_use]
+    pub const fn again(self) -> Self {
+        Self(if self.raises() == Self::MOST { self.0 } else { self.0 + 1 })
+    }
 }
 
 fn kept() -> MutexGuard<'static, Option<Kept>> {
@@ -73,7 +123,7 @@ pub fn keep(path: &Path, link: Option<&Path>, own: Record, missed: bool, forget:
     };
     *kept() = Some(file);
     if left != Left::Free && !forget {
-        let _ = set();
+        restore();
     }
     left
 }
@@ -98,9 +148,24 @@ pub fn guards(slot: &str) -> bool {
     ACTUATORS.lock().unwrap_or_else(PoisonError::into_inner).contains(&slot)
 }
 
+/// Latches it, as the run before left it.
+fn restore() {
+    let mark = Mark::left(clock::now_ns());
+    let _ = LATCH.compare_exchange(0, mark.0, Ordering::SeqCst, Ordering::SeqCst);
+}
+
 /// Latches it; true: it was not. What outlives the process is for [`store`] to do, when nothing waits any more.
-pub fn set() -> bool {
-    LATCH.compare_exchange(0, clock::now_ns(), Ordering::SeqCst, Ordering::SeqCst).is_ok()
+pub fn set() -> (Mark, bool) {
+    let now_ns = clock::now_ns();
+    let raised = |word| if word == 0 { Mark::new(now_ns, 1) } else { Mark(word).again() };
+    let mut before = LATCH.load(Ordering::SeqCst);
+    loop {
+        let mark = raised(before);
+        match LATCH.compare_exchange_weak(before, mark.0, Ordering::SeqCst, Ordering::SeqCst) {
+            Ok(_) => return (mark, before == 0),
+            Err(other) => before = other,
+        }
+    }
 }
 
 /// Sees to it that the next run comes up latched: one write into an open file, no allocation. The fault manager sees to the rest.
@@ -115,13 +180,13 @@ pub fn store() {
 /// True while it is latched.
 #[must_use]
 pub fn is_set() -> bool {
-    since_ns().is_some()
+    mark().is_some()
 }
 
-/// When it was latched; `None`: it is not.
+/// Since when it is latched, and how often it was raised; `None`: it is not.
 #[must_use]
-pub fn since_ns() -> Option<u64> {
-    Some(LATCH.load(Ordering::SeqCst)).filter(|since_ns| *since_ns != 0)
+pub fn mark() -> Option<Mark> {
+    Some(LATCH.load(Ordering::SeqCst)).filter(|word| *word != 0).map(Mark)
 }
 
 /// It was latched, and is not any more.
@@ -129,31 +194,54 @@ pub fn since_ns() -> Option<u64> {
 pub struct Cleared {
     /// What it had been raised for, as far as that is known.
     pub cause: Option<Cause>,
+    /// What it had been raised for after that.
+    pub again: Option<Again>,
 }
 
-/// Takes it back; `None`: it was not latched.
+/// Takes it back as it was then; `None`: it is not latched, or was raised once more since.
 #[must_use]
-pub fn clear() -> Option<Cleared> {
+pub fn clear(then: Mark) -> Option<Cleared> {
     let mut kept = kept();
-    if LATCH.swap(0, Ordering::SeqCst) == 0 {
-        return None;
-    }
-    let cause = kept.as_mut().and_then(|kept| {
-        let cause = kept.record.cause.take();
+    LATCH.compare_exchange(then.0, 0, Ordering::SeqCst, Ordering::SeqCst).ok()?;
+    let mut cleared = Cleared { cause: None, again: None };
+    if let Some(kept) = kept.as_mut() {
+        let record = &mut kept.record;
+        cleared = Cleared { cause: record.cause.take(), again: record.again.take() };
         kept.say_what_is();
-        cause
-    });
-    Some(Cleared { cause })
+    }
+    Some(cleared)
 }
 
-/// Brings the file to what is so, on the disk; `cause`: what it was raised for, once that is known.
-pub fn settle(cause: Option<Cause>) {
+/// Brings the file to what is so, on the disk; `cause`: what that latch was raised for, once that is known.
+pub fn settle(cause: Option<(Mark, Cause)>) {
     if let Some(kept) = kept().as_mut() {
-        if is_set() && cause.is_some() {
-            kept.record.cause = cause;
+        let is_of_now = |then: &Mark| mark().is_some_and(|now| now.since_us() == then.since_us());
+        if let Some((_, cause)) = cause.filter(|(then, _)| is_of_now(then)) {
+            kept.record.raised_for(cause);
         }
         kept.say_what_is();
     }
+}
+
+/// Sees to it that the file still says what is so; returns what somebody did to it. As somebody may restore an old copy at any
+/// time, or cut it short, it is read for that.
+pub fn look_after() -> Option<Meddled> {
+    let mut kept = kept();
+    let kept = kept.as_mut()?;
+    let before = mark();
+    // Raised meanwhile it says so by now, and is brought to the disk by who is told of that.
+    let found = kept.meddled(before.is_some()).filter(|_| mark() == before)?;
+    kept.say_what_is();
+    Some(Meddled { file: kept.path().to_owned(), found })
+}
+
+/// What somebody did to the file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Meddled {
+    /// Where it is.
+    pub file: PathBuf,
+    /// In words.
+    pub found: &'static str,
 }
 
 /// Why it would not outlive the daemon; `None`: it would.
@@ -177,6 +265,25 @@ pub fn view() -> Value {
     if is_set() {
         view["profiles"] = kept.record.profiles.as_str().into();
         view["cause"] = json!(kept.record.cause);
+        view["again"] = json!(kept.record.again);
     }
     view
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mark_tells_one_latch_and_one_raise_from_another() {
+        let first = Mark::new(5_000_000, 1);
+        assert_eq!((first.since_us(), first.raises()), (5_000, 1));
+        assert_eq!((first.again().since_us(), first.again().raises()), (5_000, 2));
+        assert_ne!(Mark::new(0, 0).0, 0, "latched at the very beginning");
+        let many = Mark::new(5_000_000, Mark::MOST);
+        assert_eq!(many.again(), many);
+        let left = Mark::left(5_000_000);
+        assert_eq!((left.raises(), left.again().raises(), left.since_us()), (0, 1, 5_000));
+        assert!(first.is_first() && !first.again().is_first() && !left.is_first() && !left.again().is_first());
+    }
 }

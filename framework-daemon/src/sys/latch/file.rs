@@ -103,6 +103,18 @@ impl Kept {
         result
     }
 
+    /// What somebody did to the file since it was written; `None`: nothing, or it could not be written, which is told elsewhere.
+    pub(super) fn meddled(&self, latched: bool) -> Option<&'static str> {
+        let file = self.file.as_ref().filter(|_| self.failure.is_none())?;
+        if !place::holds(&self.path, file) {
+            return Some("somebody moved or removed it");
+        }
+        let told = record::encode(&self.record, latched);
+        let mut found = vec![0; told.len() + 1];
+        let len = file.read_at(&mut found, 0).unwrap_or_default();
+        (found[..len] != told).then_some("somebody wrote into it")
+    }
+
     /// Under another name first: whoever looks finds the one before or this one, whole.
     fn anew(&mut self, bytes: &[u8]) -> io::Result<()> {
         let new = place::suffixed(&self.path, ".new");
@@ -176,6 +188,27 @@ mod tests {
         std::fs::write(&path, "other").unwrap();
         kept.say(true).unwrap();
         assert_eq!(Kept::open(&path, own(), false).1, Left::Latched(own()));
+    }
+
+    #[test]
+    fn what_somebody_does_to_it_is_found() {
+        let (_directory, path) = scratch();
+        let (mut kept, _) = Kept::open(&path, own(), false);
+        let old = std::fs::read(&path).unwrap();
+        assert_eq!(kept.meddled(false), None);
+        kept.shout();
+        assert_eq!(kept.meddled(true), None, "that was the daemon itself");
+        for (latched, bytes) in
+            [(true, old.as_slice()), (true, b""), (false, b"{"), (true, &[old.as_slice(), b" "].concat())]
+        {
+            kept.say(latched).unwrap();
+            std::fs::write(&path, bytes).unwrap();
+            assert_eq!(kept.meddled(latched), Some("somebody wrote into it"));
+        }
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(kept.meddled(true), Some("somebody moved or removed it"));
+        kept.say(true).unwrap();
+        assert_eq!(kept.meddled(true), None);
     }
 
     #[test]

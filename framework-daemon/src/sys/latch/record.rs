@@ -18,7 +18,7 @@ const FREE: &[u8; 17] = b"{\"latched\":false,";
 /// What is written is a multiple of this.
 const BLOCK: usize = 4096;
 
-/// More than a cause takes, which comes later.
+/// More than a cause takes, which comes later; and the same again for a later one.
 const SPARE: usize = 1024;
 
 /// What the emergency stop was raised for.
@@ -32,6 +32,25 @@ pub struct Cause {
     pub fault: u64,
     /// Seconds since 1970.
     pub wall: f64,
+}
+
+/// What it was raised for while it was latched already.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Again {
+    /// How often.
+    pub times: u64,
+    /// The newest.
+    pub last: Cause,
+}
+
+impl fmt::Display for Again {
+    /// `raised again for vote of sonars (fault 14, 3 s ago)`.
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.times {
+            1 => write!(to, "raised again for {}", self.last),
+            times => write!(to, "raised {times} times again, the last time for {}", self.last),
+        }
+    }
 }
 
 impl fmt::Display for Cause {
@@ -67,13 +86,26 @@ pub struct Record {
     /// What it was raised for; `None`: it was not, or nobody had written it down yet.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<Cause>,
+    /// And after that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub again: Option<Again>,
 }
 
 impl Record {
     /// Of a run of that profile directory.
     #[must_use]
     pub fn new(profiles: String, actuators: Vec<String>) -> Self {
-        Self { clear: "framework-daemon fault clear".to_owned(), profiles, actuators, cause: None }
+        Self { clear: "framework-daemon fault clear".to_owned(), profiles, actuators, cause: None, again: None }
+    }
+
+    /// It was raised for this.
+    pub(super) fn raised_for(&mut self, cause: Cause) {
+        if self.cause.is_none() {
+            self.cause = Some(cause);
+            return;
+        }
+        let times = self.again.as_ref().map_or(0, |again| again.times) + 1;
+        self.again = Some(Again { times, last: cause });
     }
 }
 
@@ -83,7 +115,11 @@ pub(super) fn encode(record: &Record, latched: bool) -> Vec<u8> {
     // Names and numbers: it cannot fail; if it did, the file would not be readable, which is latched.
     let body = serde_json::to_vec(record).unwrap_or_default();
     bytes.extend(body.iter().skip(1));
-    let spare = if record.cause.is_some() { 1 } else { SPARE };
+    let spare = match (&record.cause, &record.again) {
+        (_, Some(_)) => 1,
+        (Some(_), None) => SPARE,
+        (None, None) => 2 * SPARE,
+    };
     bytes.resize((bytes.len() + spare).next_multiple_of(BLOCK) - 1, b' ');
     bytes.push(b'\n');
     bytes
@@ -144,11 +180,12 @@ mod tests {
         }
 
         #[test]
-        fn a_cause_takes_no_further_block(mut record in record(), cause in record()) {
+        fn a_cause_takes_no_further_block(mut record in record(), causes in proptest::collection::vec(record(), 0..4)) {
             record.cause = None;
             let before = encode(&record, false).len();
-            record.cause = cause.cause;
+            causes.into_iter().filter_map(|other| other.cause).for_each(|cause| record.raised_for(cause));
             prop_assert!(encode(&record, true).len() <= before);
+            prop_assert_eq!(decode(&encode(&record, true)).unwrap(), (record, true));
         }
 
         #[test]

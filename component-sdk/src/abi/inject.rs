@@ -1,14 +1,19 @@
 //! Provokes faults for drills and tests. The fault happens in the plugin's own text, at a real instruction, so that
 //! detection, containment and blame are those of a fault of the author's; no component carries test code for it.
+//!
+//! What is told by a component, as a lost device, is told by the same call. What lies in a value, as one outside its range or one
+//! that is outvoted, and silence, which its readers find, only whoever writes can have: nothing is written in his name.
 #![allow(unsafe_code, reason = "address of unsafe: faults on purpose")]
 
 use std::hint::black_box;
+
+use abi_stable::std_types::RStr;
 
 use super::host;
 use crate::component::Outcome;
 
 /// What can be provoked; the number is what crosses the border.
-pub const INJECTIONS: [(&str, u8); 9] = [
+pub const INJECTIONS: [(&str, u8); 14] = [
     ("crash.panic", 1),
     ("crash.segv", 2),
     ("crash.bus", 3),
@@ -18,7 +23,34 @@ pub const INJECTIONS: [(&str, u8); 9] = [
     ("crash.stack", 7),
     ("error", 8),
     ("crash.exit", 9),
+    ("hang", 10),
+    ("raised", 11),
+    ("device", 12),
+    ("device.found", 13),
+    ("overrun", OVERRUN),
 ];
+
+/// Stands for the number that [`burn`] gives.
+pub const OVERRUN: u8 = 14;
+
+/// The first number of a callback that takes long.
+const BURN: u8 = 128;
+/// What the first of them takes, in nanoseconds; each takes an eighth more than the one before, up to half a minute.
+const BURN_MIN_NS: u64 = 10_000;
+
+/// The number of a callback that takes a little longer than that many nanoseconds; `None`: none takes that long.
+#[must_use]
+pub fn burn(longer_than_ns: u64) -> Option<u8> {
+    (BURN..=u8::MAX).find(|code| burned_ns(*code) > longer_than_ns.saturating_add(longer_than_ns / 16))
+}
+
+/// What the callback of that number takes.
+fn burned_ns(code: u8) -> u64 {
+    (BURN..code).fold(BURN_MIN_NS, |ns, _| ns + ns / 8)
+}
+
+/// The device that is lost and found.
+const DEVICE: &str = "injected";
 
 /// The number of a symptom that can be provoked.
 #[must_use]
@@ -46,6 +78,11 @@ fn provoke_by_call(code: u8) -> Outcome {
         6 => std::process::abort(),
         7 => _ = black_box(overflow(1)),
         9 => std::process::exit(3),
+        10 => hang(),
+        11 => (host::get().raise_fault)(RStr::from_str("injected")),
+        12 => (host::get().devices.lost)(RStr::from_str(DEVICE), RStr::from_str("injected loss"), 0),
+        13 => (host::get().devices.found)(RStr::from_str(DEVICE)),
+        BURN.. => take(burned_ns(code)),
         _ => return Err(crate::fault!("injected error")),
     }
     Ok(())
@@ -62,6 +99,22 @@ fn segv() {
     note();
     // SAFETY: none; the write faults, which is its purpose.
     unsafe { black_box(8 as *mut u32).write_volatile(1) };
+}
+
+/// Without a call that could wait: what does not return is the plugin's own code.
+#[inline(never)]
+fn hang() -> ! {
+    loop {
+        std::hint::spin_loop();
+    }
+}
+
+fn take(ns: u64) {
+    let clock = host::get().clock;
+    let until_ns = clock() + ns;
+    while clock() < until_ns {
+        std::hint::spin_loop();
+    }
 }
 
 #[inline(never)]
@@ -121,5 +174,28 @@ mod raw {
         super::note();
         // SAFETY: as in `bus`.
         unsafe { raise(4) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_to_take_longer_takes_a_little_longer() {
+        for longer_than_ns in [0, 9_000, 10_000, 1_000_000, 300_000_000, 20_000_000_000] {
+            let ns = burned_ns(burn(longer_than_ns).unwrap());
+            assert!(
+                ns > longer_than_ns && ns <= (longer_than_ns + longer_than_ns / 4).max(BURN_MIN_NS),
+                "{longer_than_ns}: {ns}"
+            );
+        }
+        assert_eq!(burn(u64::MAX), None);
+    }
+
+    #[test]
+    fn each_number_means_one_thing() {
+        assert!(INJECTIONS.iter().all(|(name, number)| code(name) == Some(*number) && (1..BURN).contains(number)));
+        assert!(INJECTIONS.windows(2).all(|pair| pair[0].1 < pair[1].1));
     }
 }

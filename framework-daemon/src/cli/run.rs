@@ -26,7 +26,8 @@ const EXAMPLES: &str = "Examples:\n  framework-daemon run profiles/navigation --
      unless --fresh is given or the plugin is another build. After an end in order all begin anew.\n\n\
      Emergency stop: once latched it stays so, also in the next run, until `fault clear`, or a start with --fresh.\n\n\
      Provoking faults: --inject takes crash.panic, crash.segv, crash.bus, crash.fpe, crash.ill, crash.abort, crash.stack, \
-     crash.exit and error. `daemon` in place of a slot is the daemon itself (crash.segv, crash.abort, crash.panic): it writes the \
+     crash.exit, error, hang, raised, overrun (where there is a <deadline>), device (a device called `injected` is lost) and \
+     device.found. `daemon` in place of a slot is the daemon itself (crash.segv, crash.abort, crash.panic): it writes the \
      safe outputs of its actuators and a crash record, and ends by the signal.\n\n\
      The log goes to stderr; RUST_LOG=warn, for example, has it say less.\n\n\
      Exit codes: 0 ended in order, 1 failed or to be started again, 2 wrong usage, 3 a profile is invalid, 4 a plugin is refused.";

@@ -5,7 +5,8 @@ use std::time::Duration;
 use component_sdk::abi::inject;
 
 use crate::model::limits::BOOT_STEP;
-use crate::profile::plan::Plan;
+use crate::model::time::nanoseconds;
+use crate::profile::plan::{Plan, SlotPlan};
 use crate::supervise::system::System;
 use crate::sys::last_words;
 
@@ -43,7 +44,23 @@ pub fn check(injections: &[Injection], plan: &Plan) -> Vec<String> {
         }
         slot => Some(format!("--inject: there is no slot `{slot}`; there are: {}", known.join(", "))),
     };
-    unknown.filter_map(wrong).collect()
+    let vain = injections.iter().filter_map(|injection| in_vain(injection, plan));
+    unknown.filter_map(wrong).chain(vain).collect()
+}
+
+/// Why nothing would be found of it.
+fn in_vain(Injection { slot, code, .. }: &Injection, plan: &Plan) -> Option<String> {
+    let slot = plan.slots.iter().find(|planned| planned.name == *slot).filter(|_| *code == inject::OVERRUN)?;
+    let name = &slot.name;
+    match slot.component.execution.deadline {
+        None => Some(format!("--inject: {name} has no <deadline>: no overrun would be found")),
+        Some(_) => late(slot).is_none().then(|| format!("--inject: the <deadline> of {name} is too long to be missed")),
+    }
+}
+
+/// The number of a callback that returns behind the slot's deadline.
+fn late(slot: &SlotPlan) -> Option<u8> {
+    slot.component.execution.deadline.and_then(|deadline| inject::burn(nanoseconds(deadline.budget)))
 }
 
 /// Last first, so that the next is popped.
@@ -64,7 +81,9 @@ pub fn provoke(injection: &Injection, system: &System) {
         tracing::warn!("no fault was provoked in slot {slot}: it is gone");
         return;
     };
-    match placed.executor.inject(placed.member, *code, BOOT_STEP) {
+    let planned = system.plan.slots.iter().find(|planned| planned.name == *slot);
+    let late = planned.filter(|_| *code == inject::OVERRUN).and_then(late);
+    match placed.executor.inject(placed.member, late.unwrap_or(*code), BOOT_STEP) {
         Ok(true) => tracing::info!("fault {code} will be provoked in slot {slot}"),
         Ok(false) => tracing::warn!("no fault was provoked in slot {slot}: it is not running"),
         Err(stuck) => tracing::error!("no fault was provoked in slot {slot}: {stuck}"),

@@ -222,7 +222,7 @@ pub fn side_report() -> Option<Fault> {
     let (symptom, evidence) =
         raised.or_else(|| check::take_report().map(|report| (report.symptom, report.evidence)))?;
     let now = clock::now_ns();
-    Some(Fault::told(symptom, now, evidence))
+    Some(Fault { injected: seat::is_left(seat::Note::Injected), ..Fault::told(symptom, now, evidence) })
 }
 
 fn guarded(

@@ -19,7 +19,7 @@ use crate::plugin::Class;
 use crate::plugin::instance::{self, Instance};
 use crate::port::border::Binding;
 use crate::profile::plan::Execution;
-use crate::sys::seat::Owner;
+use crate::sys::seat::{self, Note, Owner};
 use crate::sys::{arch, clock};
 
 /// Finds and loads a class when it is needed: `preload="none"`.
@@ -79,7 +79,8 @@ impl Limits {
         let evidence = Evidence::Time { took_ns, budget_ns };
         // It happened when the budget was over.
         let at_ns = now - (took_ns - budget_ns);
-        Some(Fault { at_ns, ..Fault::told(Symptom::Overrun, now, evidence) })
+        let injected = seat::is_left(Note::Injected);
+        Some(Fault { at_ns, injected, ..Fault::told(Symptom::Overrun, now, evidence) })
     }
 
     /// True where time is measured exactly: a callback has a budget, or must return so soon that a tick of the kernel counts.

@@ -17,7 +17,7 @@ use super::exchange::{Busy, Exchange};
 use crate::detect::device::Lost;
 use crate::model::fault::{Evidence, Fault, Label, ShortText, Stage};
 use crate::model::symptom::Symptom;
-use crate::sys::seat::{self, Owner};
+use crate::sys::seat::{self, Note, Owner};
 use crate::sys::{clock, log_ring};
 
 /// What every plugin is given.
@@ -98,7 +98,10 @@ extern "C" fn lost(device: RStr<'_>, message: RStr<'_>, os_error: i32) {
     let evidence =
         Evidence::Device { device, message, os_error: Some(os_error).filter(|code| *code != 0), lost_ns: 0, instance };
     match of_slot(slot) {
-        Some(devices) => devices.lose(&Fault::told(Symptom::Device, clock::now_ns(), evidence)),
+        Some(devices) => devices.lose(&Fault {
+            injected: seat::is_left(Note::Injected),
+            ..Fault::told(Symptom::Device, clock::now_ns(), evidence)
+        }),
         None => {
             log_ring::put(2, slot, "a device that is lost before `start` is not told of: nobody answers for it yet");
         }

@@ -37,6 +37,9 @@ pub mod drill;
 /// The boot, which a signal may interrupt.
 mod rise;
 
+/// Whom the emergency stop holds that it left latched.
+mod held;
+
 /// How the last run ended.
 mod last_run;
 

@@ -311,30 +311,3 @@ fn a_journal_has_one_latch_by_whatever_name_it_is_called() {
     killed(daemon);
     assert!(!is_latched(&Running::spawn_on(&link, robot.profiles.path(), &[]).ready()));
 }
-
-#[test]
-fn what_was_an_actuator_then_is_held_whatever_the_profiles_say_now() {
-    let robot = robot(RULES, "");
-    let daemon = run(&robot, RAISE);
-    raised(&robot, &daemon);
-    killed(daemon);
-    robot.profiles.replace("system.xml", "<actuator component=\"left\"/>", "");
-    let before = driven(&robot);
-    let daemon = run(&robot, &[]);
-    daemon.wait_for("left was an actuator when the emergency stop was raised: it stays stopped, too");
-    assert_eq!(driven(&robot), before);
-    killed(daemon);
-    let other = self::robot("", "");
-    let nobody = self::robot("", "");
-    nobody.profiles.write("system.xml", "<system_profile><name>s</name></system_profile>");
-    nobody.profiles.replace("app.xml", ">left<", ">port<");
-    nobody.profiles.replace("app.xml", ">right<", ">star<");
-    let daemon = Running::spawn_on(&journal(&robot), nobody.profiles.path(), &[]).ready();
-    assert!(ask(&daemon, "status").out.contains("no slot of these profiles is an actuator"), "{}", daemon.log());
-    killed(daemon);
-    other.profiles.replace("app.xml", ">left<", ">port<");
-    other.profiles.replace("system.xml", "\"left\"", "\"port\"");
-    let daemon = Running::spawn_on(&journal(&robot), other.profiles.path(), &[]).ready();
-    daemon.wait_for("left was an actuator when the emergency stop was raised, and is no slot of these profiles");
-    assert_eq!(ask(&daemon, "fault clear").out.lines().skip(1).collect::<Vec<_>>(), ["port: active", "right: active"]);
-}

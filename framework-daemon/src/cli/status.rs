@@ -39,15 +39,23 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
         } else {
             head
         };
-        let holds_nobody =
-            status["emergency"] == true && status["latch"]["actuators"].as_array().is_some_and(Vec::is_empty);
+        let besides = status["latch"]["besides"].as_array().into_iter().flatten();
+        let besides = besides.map(|held| format!("held besides: {}: {}", cell(&held["slot"]), cell(&held["reason"])));
+        let besides: Vec<String> = besides.collect();
+        let holds_nobody = status["emergency"] == true
+            && status["latch"]["actuators"].as_array().is_some_and(Vec::is_empty)
+            && besides.is_empty();
         let nobody =
             holds_nobody.then(|| "no slot of these profiles is an actuator: the emergency stop holds none".to_owned());
         let unkept = status["latch"]["failure"].as_str();
         let unkept = unkept.map(|why| format!("an emergency stop would not outlive the daemon: {why}"));
         let slots = status["slots"].as_array().map(Vec::as_slice).unwrap_or_default();
         let helpers = status["helpers"].as_array().map(Vec::as_slice).unwrap_or_default();
-        let all = std::iter::once(head).chain(nobody).chain(unkept).chain(status_table(slots, &status["process"]));
+        let all = std::iter::once(head)
+            .chain(nobody)
+            .chain(besides)
+            .chain(unkept)
+            .chain(status_table(slots, &status["process"]));
         all.chain(helpers::lines(helpers)).collect::<Vec<String>>()
     })
 }

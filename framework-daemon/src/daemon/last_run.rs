@@ -4,10 +4,9 @@ use std::sync::PoisonError;
 
 use serde_json::{Map, Value, json};
 
-use super::{Settings, note};
+use super::{Settings, held, note};
 use crate::fault::manager::SharedJournal;
 use crate::model::fault::TrapEvidence;
-use crate::model::limits::ACTUATORS;
 use crate::profile::plan::Plan;
 use crate::sys::latch::{self, Left, Record};
 
@@ -40,11 +39,14 @@ pub(super) fn tell(last: &Map<String, Value>) -> Option<String> {
 /// What the file of the latch is to say of this run.
 pub(super) fn record(settings: &Settings, plan: &Plan) -> Record {
     let directory = std::fs::canonicalize(&settings.directory).unwrap_or_else(|_| settings.directory.clone());
-    Record::new(directory.to_string_lossy().into_owned(), plan.system.emergency.clone())
+    let class =
+        |name: &String| plan.slots.iter().find(|slot| slot.name == *name).map(|slot| slot.component.name.clone());
+    let classes = plan.system.emergency.iter().map(|name| class(name).unwrap_or_default()).collect();
+    Record::new(directory.to_string_lossy().into_owned(), plan.system.emergency.clone()).of_classes(classes)
 }
 
 /// The emergency stop stays latched until an operator clears it, whatever ended the run before. Slots that were its actuators
-/// then are so in this run, whatever its profiles say: somebody may have changed them meanwhile, and the robot is the same.
+/// then are so in this run, whatever its profiles say: somebody may have changed them meanwhile, and the robot is the same ([`held`]).
 pub(super) fn restore_latch(settings: &Settings, plan: &mut Plan, journal: &SharedJournal) {
     let path = latch::beside(&settings.journal);
     // What the journal still tells of nobody removes by removing a file.
@@ -63,39 +65,24 @@ pub(super) fn restore_latch(settings: &Settings, plan: &mut Plan, journal: &Shar
     if let Left::Unknown(reason) = &left {
         fields["failure"] = reason.as_str().into();
     }
-    note(journal, "emergency", &fields);
     if settings.fresh {
+        note(journal, "emergency", &fields);
         return tracing::warn!("the emergency stop is forgotten, as --fresh says; {told}");
     }
     tracing::error!("EMERGENCY STOP: {told}; actuators stay stopped until `fault clear`");
-    record.iter().for_each(|record| hold(plan, &record.actuators));
-    if plan.system.emergency.is_empty() {
+    let besides = record.map(|record| held::hold(plan, record)).unwrap_or_default();
+    fields["besides"] = json!(besides);
+    note(journal, "emergency", &fields);
+    if plan.system.emergency.is_empty() && besides.is_empty() {
         tracing::warn!("no slot of these profiles is an actuator: the emergency stop holds none of them");
     }
+    latch::hold_besides(besides);
 }
 
 fn of_record(record: &Record) -> String {
     let cause = record.cause.as_ref().map(|cause| format!(" for {cause}")).unwrap_or_default();
     let again = record.again.as_ref().map(|again| format!(", {again}")).unwrap_or_default();
     format!("the run before left it latched{cause}{again}; its profiles: {}", record.profiles)
-}
-
-/// Those of them that are slots of this plan are actuators.
-fn hold(plan: &mut Plan, actuators: &[String]) {
-    let all = &mut plan.system.emergency;
-    for name in actuators {
-        if all.contains(name) {
-            continue;
-        }
-        if plan.slots.iter().any(|slot| slot.name == *name) && all.len() < ACTUATORS {
-            tracing::warn!("{name} was an actuator when the emergency stop was raised: it stays stopped, too");
-            all.push(name.clone());
-        } else {
-            tracing::warn!(
-                "{name} was an actuator when the emergency stop was raised, and is no slot of these profiles"
-            );
-        }
-    }
 }
 
 #[cfg(test)]

@@ -84,7 +84,7 @@ pub fn diagnose(graph: &Graph, own: &[Own], emergency: Option<Option<u64>>) -> V
             Some(Own::Off) => Verdict::Off,
             Some(Own::Faulty(_)) => Verdict::Faulty,
             Some(Own::Wanted) => {
-                let stop = emergency.filter(|_| graph.nodes()[*number].is_actuator);
+                let stop = emergency.filter(|_| graph.nodes()[*number].waits_for_clear());
                 let stop = stop.map(|root| Reason { why: Why::Emergency, root });
                 held(stop.or_else(|| covered(graph, &covers, *number)).or_else(by_others))
             }

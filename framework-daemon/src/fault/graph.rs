@@ -43,6 +43,16 @@ pub struct Node {
     pub coverage: Coverage,
     /// It gets the emergency stop.
     pub is_actuator: bool,
+    /// It is held by the latch that the run before left, because nobody knows whether it was an actuator then.
+    pub is_held: bool,
+}
+
+impl Node {
+    /// True where it does not run while the emergency stop is latched.
+    #[must_use]
+    pub const fn waits_for_clear(&self) -> bool {
+        self.is_actuator || self.is_held
+    }
 }
 
 /// A slot whose faults may show in another one.
@@ -68,6 +78,12 @@ pub struct Graph {
 }
 
 impl Graph {
+    /// The latch holds slots of these names, and no others besides the actuators.
+    pub fn hold(&mut self, names: impl Fn(&str) -> bool) {
+        let slots = self.slots();
+        self.nodes.iter_mut().take(slots).for_each(|node| node.is_held = names(&node.name));
+    }
+
     /// Of these nodes, the first `slots` of which are slots and the next `voters` voters, and of connections between those,
     /// writers first.
     #[must_use]
@@ -260,6 +276,7 @@ impl Compiler {
             executor: *executor,
             coverage: slot.rules.coverage,
             is_actuator: plan.system.emergency.contains(&slot.name),
+            is_held: false,
         };
         let voter = |voting: &VotingPlan| Node {
             name: voting.name.clone().unwrap_or_default(),

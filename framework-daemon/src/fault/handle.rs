@@ -8,7 +8,7 @@ use crossbeam_channel::Receiver;
 use serde_json::{Map, Value, json};
 
 use super::decide::{Batch, Wave};
-use super::diagnose::{Own, Recent, Verdict, diagnose};
+use super::diagnose::{Own, Recent, Verdict, Why, diagnose};
 use super::graph::{Graph, Number};
 use super::order::{Order, Refused, Verb};
 use super::quorum;
@@ -67,7 +67,9 @@ impl Cast {
             })
         };
         let numbers: Vec<usize> = hands.iter().map(|hand| number(&hand.executor)).collect();
-        let graph = Graph::compile(plan, &numbers);
+        let mut graph = Graph::compile(plan, &numbers);
+        let besides = latch::besides();
+        graph.hold(|name| besides.iter().any(|held| held.slot == name));
         Self { graph, hands, voters, executors }
     }
 
@@ -319,6 +321,7 @@ impl Handler {
         let unseen = || Refused::raised_again(self.raises.newest());
         // Raised again in this very moment, too.
         let cleared = Some(mark).filter(|mark| self.may_clear(*mark)).and_then(latch::clear).ok_or_else(unseen)?;
+        let waited = self.release();
         let cause = cleared.cause.or_else(|| self.raises.first().cloned());
         let mut fields = Map::new();
         fields.insert("root".into(), self.emergency.take().into());
@@ -326,10 +329,17 @@ impl Handler {
         self.cast.iter().for_each(|cast| self.situation.clear(&cast.graph));
         self.forgive_voters();
         lines.extend(self.settle());
-        let nodes = self.cast.iter().flat_map(|cast| cast.graph.nodes()).enumerate();
-        let actuators = nodes.filter(|(_, node)| node.is_actuator).map(|(number, _)| number);
-        let slots: Vec<Value> = actuators.map(|number| self.answer(number)).collect();
+        let slots: Vec<Value> = waited.into_iter().map(|number| self.answer(number)).collect();
         Ok((json!({"actuators": slots, "cause": cause, "again": cleared.again, "failure": latch::failure()}), lines))
+    }
+
+    /// Nobody is held any more but actuators, by the next raise; returns all who were.
+    fn release(&mut self) -> Vec<Number> {
+        let Some(cast) = &mut self.cast else { return Vec::new() };
+        let nodes = cast.graph.nodes().iter().enumerate();
+        let waited = nodes.filter(|(_, node)| node.waits_for_clear()).map(|(number, _)| number).collect();
+        cast.graph.hold(|_| false);
+        waited
     }
 
     /// True where an operator can know of all that the latch, as it is, was raised for. The first raise may come with its order,
@@ -348,6 +358,7 @@ impl Handler {
 
     fn reason(&self, cast: &Cast, number: Number) -> Option<String> {
         match (self.situation.held(number), self.situation.own(number)) {
+            (Some(reason), _) if reason.why == Why::Emergency => Some(held_by_latch(&cast.graph.nodes()[number].name)),
             (Some(reason), _) => Some(reason.text(&cast.graph, number)),
             (None, Own::Faulty(0)) => Some("a fault stopped it".to_owned()),
             (None, Own::Faulty(root)) => Some(format!("fault {root} stopped it")),
@@ -414,6 +425,12 @@ impl Handler {
         }
         lines
     }
+}
+
+/// Where the profiles do not say why the emergency stop holds it, that is said as well.
+fn held_by_latch(slot: &str) -> String {
+    let besides = latch::besides().into_iter().find(|held| held.slot == slot);
+    besides.map_or_else(|| "emergency stop".to_owned(), |held| format!("emergency stop: {}", held.reason))
 }
 
 /// Says in the log what a line says in the journal, behind the fault that it follows from.

@@ -115,7 +115,7 @@ impl Handler {
 fn has_members_enough(graph: &Graph, voter: Number) -> bool {
     let is_free = |member: &&Number| {
         let sources = graph.sources(**member);
-        !graph.nodes().iter().zip(sources).any(|(node, is_source)| is_source && node.is_actuator)
+        !graph.nodes().iter().zip(sources).any(|(node, is_source)| is_source && node.waits_for_clear())
     };
     let needs = &graph.nodes()[voter].needs;
     needs.iter().all(|need| need.on.iter().filter(is_free).count() >= need.require)

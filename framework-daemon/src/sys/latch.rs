@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::clock;
@@ -31,6 +32,8 @@ pub use record::{Again, Cause, Record};
 /// A [`Mark`]; 0: it is not latched.
 static LATCH: AtomicU64 = AtomicU64::new(0);
 static KEPT: Mutex<Option<Kept>> = Mutex::new(None);
+/// Who is held besides, until it is cleared.
+static BESIDES: Mutex<Vec<Besides>> = Mutex::new(Vec::new());
 // Held while names are compared or swapped.
 static ACTUATORS: Mutex<Vec<&'static str>> = Mutex::new(Vec::new());
 
@@ -131,10 +134,37 @@ pub fn keep(path: &Path, link: Option<&Path>, own: Record, missed: bool, forget:
 /// The file is of that run now, and what was to be forgotten is forgotten: not before it is accepted, or a start that comes to
 /// nothing would have forgotten it. While it is latched the file stays that of the run that latched it.
 pub fn describe(own: Record) {
-    if let Some(kept) = kept().as_mut().filter(|_| !is_set()) {
-        kept.record = own;
-        kept.say_what_is();
+    if let Some(kept) = kept().as_mut() {
+        kept.own = own;
+        if !is_set() {
+            kept.record = kept.own.clone();
+            kept.say_what_is();
+        }
     }
+}
+
+/// A slot that the latch holds although the profiles do not say so.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Besides {
+    /// Its name.
+    pub slot: String,
+    /// In words.
+    pub reason: String,
+}
+
+/// The latch that the run before left holds these, too, until it is cleared.
+pub fn hold_besides(slots: Vec<Besides>) {
+    *besides_now() = slots;
+}
+
+fn besides_now() -> MutexGuard<'static, Vec<Besides>> {
+    BESIDES.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Whom it holds besides the actuators of the profiles, and why.
+#[must_use]
+pub fn besides() -> Vec<Besides> {
+    besides_now().clone()
 }
 
 /// Who gets the emergency stop from now on.
@@ -203,10 +233,12 @@ pub struct Cleared {
 pub fn clear(then: Mark) -> Option<Cleared> {
     let mut kept = kept();
     LATCH.compare_exchange(then.0, 0, Ordering::SeqCst, Ordering::SeqCst).ok()?;
+    besides_now().clear();
     let mut cleared = Cleared { cause: None, again: None };
     if let Some(kept) = kept.as_mut() {
         let record = &mut kept.record;
         cleared = Cleared { cause: record.cause.take(), again: record.again.take() };
+        kept.record = kept.own.clone();
         kept.say_what_is();
     }
     Some(cleared)
@@ -266,6 +298,7 @@ pub fn view() -> Value {
         view["profiles"] = kept.record.profiles.as_str().into();
         view["cause"] = json!(kept.record.cause);
         view["again"] = json!(kept.record.again);
+        view["besides"] = json!(besides());
     }
     view
 }

@@ -25,15 +25,17 @@ pub enum Left {
 pub(super) struct Kept {
     path: PathBuf,
     file: Option<File>,
-    /// What it says, or would.
+    /// What it says, or would: of the run that latched it, or of this one.
     pub(super) record: Record,
+    /// What it says of this run.
+    pub(super) own: Record,
     /// Why it does not say it.
     pub(super) failure: Option<String>,
 }
 
 impl Kept {
     pub(super) fn at(path: &Path, own: Record) -> Self {
-        Self { path: path.to_owned(), file: None, record: own, failure: None }
+        Self { path: path.to_owned(), file: None, record: own.clone(), own, failure: None }
     }
 
     /// Opens the file, or makes it; what it says stays. `missed`: where there is none, there should be one.

@@ -83,6 +83,9 @@ pub struct Record {
     /// Slots that get the emergency stop.
     #[serde(default)]
     pub actuators: Vec<String>,
+    /// Their classes, in the same order: whoever bears another name by the next run is known by that.
+    #[serde(default)]
+    pub classes: Vec<String>,
     /// What it was raised for; `None`: it was not, or nobody had written it down yet.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<Cause>,
@@ -95,7 +98,20 @@ impl Record {
     /// Of a run of that profile directory.
     #[must_use]
     pub fn new(profiles: String, actuators: Vec<String>) -> Self {
-        Self { clear: "framework-daemon fault clear".to_owned(), profiles, actuators, cause: None, again: None }
+        Self {
+            clear: "framework-daemon fault clear".to_owned(),
+            profiles,
+            actuators,
+            classes: Vec::new(),
+            cause: None,
+            again: None,
+        }
+    }
+
+    /// With the classes of its actuators, in their order.
+    #[must_use]
+    pub fn of_classes(self, classes: Vec<String>) -> Self {
+        Self { classes, ..self }
     }
 
     /// It was raised for this.
@@ -151,7 +167,8 @@ mod tests {
             .prop_map(|(slot, symptom, fault, wall)| Cause { slot, symptom, fault, wall: wall.into() });
         let names = proptest::collection::vec(".{1,300}", 0..20);
         (".{0,60}", names, proptest::option::of(cause)).prop_map(|(profiles, actuators, cause)| {
-            let own = Record::new(profiles, actuators);
+            let classes = actuators.clone();
+            let own = Record::new(profiles, actuators).of_classes(classes);
             Record { cause, ..own }
         })
     }

@@ -225,7 +225,7 @@ fn what_silenced_a_member_long_before_it_is_missed_is_the_root_of_the_loss() {
 #[test]
 fn what_befalls_a_member_that_agrees_is_not_the_root_of_the_loss() {
     let ignore = "<fault_tolerance><severity symptom=\"error\">ignore</severity></fault_tolerance>";
-    let profiles = robot(["7"; 3], ignore, "max_age=\"300ms\"><severity>stop</severity>", &[], &[]);
+    let profiles = robot(["7"; 3], ignore, "><severity>stop</severity>", &[], &[]);
     // It errs again and again, and agrees all the same.
     let errors: Vec<String> =
         (1..100).flat_map(|at| ["--inject".to_owned(), format!("right:error@{}", at as f64 / 10.0)]).collect();

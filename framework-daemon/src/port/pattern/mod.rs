@@ -28,6 +28,9 @@ mod pull;
 /// The server's end of events.
 pub mod event_server;
 
+/// What a client that waits for the next value looks at.
+pub mod news;
+
 /// The server's end of a push.
 pub mod outlet;
 

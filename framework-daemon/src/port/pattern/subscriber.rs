@@ -1,10 +1,10 @@
 //! The client's end of a push: its subscription, its waits, and what waits for its handler. The values themselves lie in its
 //! input.
 //!
-//! A wait for the next value has no memory: it remembers how many had arrived when it began. Whatever else ends it, an
-//! end of the connection, of the subscription or of the server, is told by its code and counted.
+//! A wait for the next value has no memory: it remembers how many had arrived when it began ([`super::news`]). Whatever else
+//! ends it, an end of the connection, of the subscription or of the server, is told by its code and counted.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use component_sdk::abi::calls::{ServeArgs, ServeKind, Wait, Whose};
@@ -13,6 +13,7 @@ use component_sdk::abi::push::PushInfo;
 use component_sdk::status::Status;
 use crossbeam_queue::ArrayQueue;
 
+use super::news::News;
 use super::outlet::Outlet;
 use crate::port::block::{Newest, Sample};
 use crate::port::exchange::Exchange;
@@ -98,11 +99,7 @@ pub struct Subscriber {
     waiter: Arc<Waiter>,
     /// Who sends to it; most often one.
     servers: Exchange<Vec<Arc<Outlet>>>,
-    arrivals: AtomicU64,
-    waiting: AtomicBool,
-    /// How often waits were ended, and why the last time.
-    ends: AtomicU32,
-    end: AtomicU32,
+    news: News,
     /// Counts what its values belong to: those of an earlier one are not shown.
     session: AtomicU32,
     shown: AtomicU32,
@@ -127,10 +124,7 @@ impl Subscriber {
             gate: Gate::default(),
             waiter,
             servers: Exchange::new(Vec::new()),
-            arrivals: AtomicU64::new(0),
-            waiting: AtomicBool::new(false),
-            ends: AtomicU32::new(0),
-            end: AtomicU32::new(0),
+            news: News::default(),
             session: AtomicU32::new(0),
             shown: AtomicU32::new(0),
             handled: terms.handler.map(handled),
@@ -237,8 +231,7 @@ impl Subscriber {
 
     /// Ends a wait that has begun.
     pub(in crate::port) fn end_waits(&self, status: Status) {
-        self.end.store(status.code(), Ordering::SeqCst);
-        self.ends.fetch_add(1, Ordering::SeqCst);
+        self.news.end(status);
         self.ring(Ring::Wait);
     }
 
@@ -261,8 +254,7 @@ impl Subscriber {
 
     /// A value is in the input.
     pub(in crate::port) fn arrived(&self) {
-        self.arrivals.fetch_add(1, Ordering::SeqCst);
-        if self.waiting.load(Ordering::SeqCst) {
+        if self.news.arrived() {
             self.ring(Ring::Wait);
         }
     }
@@ -302,7 +294,7 @@ impl Subscriber {
     /// # Errors
     /// Why none came.
     pub(in crate::port) fn wait(&self, wait: Wait, place: &impl Place) -> Result<(), Status> {
-        let (ends, arrivals) = (self.ends.load(Ordering::SeqCst), self.arrivals.load(Ordering::SeqCst));
+        let known = self.news.known();
         let closings = self.gate.closings();
         self.standing()?;
         // Only where all refuse there is nothing to wait for.
@@ -321,26 +313,14 @@ impl Subscriber {
         if !self.ask(begins)? {
             return Err(Status::Cycle);
         }
-        self.waiting.store(true, Ordering::SeqCst);
         let until_ns = place.now_ns().saturating_add(patience_ns(wait, self.terms.timeout_ns));
-        let look = || self.ended(arrivals, ends);
-        // What came before that was said rang for nobody.
-        let end = look().unwrap_or_else(|| self.gate.wait(closings, until_ns, place, look));
-        self.stop_waiting();
+        let end = self.news.wait(known, &self.gate, closings, until_ns, place);
+        self.waiter.end();
         end
     }
 
-    /// How a wait ended that began at these counts.
-    fn ended(&self, arrivals: u64, ends: u32) -> Option<Result<(), Status>> {
-        if self.arrivals.load(Ordering::SeqCst) != arrivals {
-            return Some(Ok(()));
-        }
-        let is_ended = self.ends.load(Ordering::SeqCst) != ends;
-        is_ended.then(|| Err(Status::from_code(self.end.load(Ordering::SeqCst))))
-    }
-
     fn stop_waiting(&self) {
-        self.waiting.store(false, Ordering::Relaxed);
+        self.news.stop();
         self.waiter.end();
     }
 

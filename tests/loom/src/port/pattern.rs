@@ -17,3 +17,7 @@ pub mod provider;
 /// The client's end.
 #[path = "../../../../framework-daemon/src/port/pattern/requestor.rs"]
 pub mod requestor;
+
+/// What a client that waits for the next value looks at.
+#[path = "../../../../framework-daemon/src/port/pattern/news.rs"]
+pub mod news;

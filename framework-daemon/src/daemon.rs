@@ -418,6 +418,7 @@ impl Daemon<'_> {
         if ledger.tainted > 0 {
             tracing::warn!("memory was suspect after {} faults of this run", ledger.tainted);
         }
+        latch::finish();
         log_ring::flush(SHUTDOWN_STEP);
     }
 }

@@ -2,6 +2,7 @@
 //! it back.
 
 use std::fs;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -310,4 +311,37 @@ fn a_journal_has_one_latch_by_whatever_name_it_is_called() {
     assert_eq!(ask(&daemon, "fault clear").code, Some(0));
     killed(daemon);
     assert!(!is_latched(&Running::spawn_on(&link, robot.profiles.path(), &[]).ready()));
+}
+
+/// Where the latch's companion lies in memory.
+fn companion(robot: &Robot) -> Option<PathBuf> {
+    let name = file(robot).canonicalize().unwrap().into_os_string().into_encoded_bytes();
+    let user = fs::metadata(robot.lines.path()).unwrap().uid();
+    let all = fs::read_dir(format!("/dev/shm/framework-daemon-{user}")).into_iter().flatten().flatten();
+    let says = |path: &PathBuf| fs::read(path).is_ok_and(|text| text.windows(name.len()).any(|part| part == name));
+    all.map(|entry| entry.path()).find(says)
+}
+
+#[test]
+fn a_kill_before_the_disk_knew_loses_nothing_but_by_a_reboot() {
+    let robot = robot(RULES, "");
+    let daemon = run(&robot, RAISE);
+    let old = fs::read(file(&robot)).unwrap();
+    raised(&robot, &daemon);
+    killed(daemon);
+    // As if the disk had not been written by then.
+    fs::write(file(&robot), &old).unwrap();
+    let before = driven(&robot);
+    let daemon = run(&robot, &[]);
+    assert!(is_latched(&daemon) && driven(&robot) == before, "{}", daemon.log());
+    killed(daemon);
+    let text = fs::read_to_string(file(&robot)).unwrap();
+    assert!(text.starts_with("{\"latched\":true"), "now the disk knows");
+    fs::remove_file(companion(&robot).unwrap()).unwrap();
+    let mut daemon = run(&robot, &[]);
+    assert!(is_latched(&daemon));
+    assert_eq!(ask(&daemon, "fault clear").code, Some(0));
+    daemon.stop();
+    assert_eq!(companion(&robot), None, "an end in order leaves nothing there");
+    assert!(!is_latched(&run(&robot, &[])));
 }

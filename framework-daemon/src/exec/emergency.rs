@@ -84,6 +84,7 @@ pub fn arm(actuators: Vec<Actuator>) {
 
 /// Brings the robot to its safe state, for a fault of that slot, or voter, at that time. Any thread, also within a callback.
 pub fn raise(slot: &'static str, at_ns: u64) {
+    latch::foretell();
     let outputs = safe_outputs::write_armed();
     let written_ns = clock::now_ns();
     let (mark, is_first) = latch::set();

@@ -5,12 +5,14 @@
 //! forgets: an operator who stops the daemon has not said that the robot may move. It says what it was raised for: whoever
 //! starts the robot the next morning was not there.
 //!
+//! A word in memory beside it says so before anybody is told, for a process that is killed in the middle of a raise.
+//!
 //! Its lock is only tried by the thread that raises: whoever holds it looks at the word again before letting go, or is
 //! the fault manager, which is told of the raise and comes back.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -18,6 +20,8 @@ use serde_json::{Value, json};
 use super::clock;
 use super::place::suffixed;
 
+/// A word in memory beside it.
+mod companion;
 /// The file.
 mod file;
 /// A link beside that of the journal.
@@ -25,12 +29,15 @@ mod link;
 /// What it says.
 mod record;
 
+use companion::Companion;
 use file::Kept;
 pub use file::Left;
 pub use record::{Again, Cause, Record};
 
 /// A [`Mark`]; 0: it is not latched.
 static LATCH: AtomicU64 = AtomicU64::new(0);
+/// Once in the life of a process.
+static COMPANION: OnceLock<Companion> = OnceLock::new();
 static KEPT: Mutex<Option<Kept>> = Mutex::new(None);
 /// Who is held besides, until it is cleared.
 static BESIDES: Mutex<Vec<Besides>> = Mutex::new(Vec::new());
@@ -107,12 +114,25 @@ fn kept() -> MutexGuard<'static, Option<Kept>> {
 impl Kept {
     /// What fails is told by whoever asks for [`failure`].
     fn say_what_is(&mut self) {
-        let _ = self.say(is_set());
+        let latched = is_set();
+        let _ = self.say(latched);
+        // After the disk: a kill between the two leaves it latched.
+        COMPANION.get().into_iter().for_each(|companion| companion.say(latched));
         // Raised meanwhile: what that said is gone.
         if is_set() {
+            shout_in_memory();
             self.shout();
         }
     }
+}
+
+/// It is about to be raised: one store, so that no kill comes in between that the next run does not hear of.
+pub fn foretell() {
+    shout_in_memory();
+}
+
+fn shout_in_memory() {
+    COMPANION.get().into_iter().for_each(|companion| companion.say(true));
 }
 
 /// Keeps the latch in that file from now on, for a run that `own` describes; returns what the run before left. What is latched
@@ -124,6 +144,19 @@ pub fn keep(path: &Path, link: Option<&Path>, own: Record, missed: bool, forget:
         Some(link) => link::follow(&mut file, link, left),
         None => left,
     };
+    let left = match left {
+        Left::Free if Companion::peek(path) => {
+            file.record = file.before.clone();
+            // On the disk before the word is made anew.
+            let _ = file.say(true);
+            Left::Latched(file.record.clone())
+        }
+        left => left,
+    };
+    match Companion::make(path, left != Left::Free) {
+        Ok(companion) => _ = COMPANION.set(companion),
+        Err(error) => tracing::info!("the latch of the emergency stop has no companion in memory: {error}"),
+    }
     *kept() = Some(file);
     if left != Left::Free && !forget {
         restore();
@@ -192,7 +225,10 @@ pub fn set() -> (Mark, bool) {
     loop {
         let mark = raised(before);
         match LATCH.compare_exchange_weak(before, mark.0, Ordering::SeqCst, Ordering::SeqCst) {
-            Ok(_) => return (mark, before == 0),
+            Ok(_) => {
+                shout_in_memory();
+                return (mark, before == 0);
+            }
             Err(other) => before = other,
         }
     }
@@ -204,6 +240,14 @@ pub fn store() {
         && let Some(kept) = kept.as_ref()
     {
         kept.shout();
+    }
+}
+
+/// An end in order leaves nothing in memory but a latch that is latched.
+pub fn finish() {
+    let _kept = kept();
+    if !is_set() {
+        COMPANION.get().into_iter().for_each(Companion::remove);
     }
 }
 

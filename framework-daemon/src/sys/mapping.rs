@@ -14,7 +14,7 @@ use std::io;
 use std::os::fd::AsRawFd;
 use std::ptr::NonNull;
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
 
 use crossbeam_channel::{Receiver, bounded};
 use nix::fcntl::posix_fallocate;
@@ -173,6 +173,30 @@ impl Mapping {
     }
 }
 
+/// A word in a mapped part of a file, for any thread.
+#[derive(Debug)]
+pub struct Word(Mapping);
+
+// SAFETY: the mapping is only reached through one atomic.
+unsafe impl Sync for Word {}
+
+impl Word {
+    /// The first word of a part of that file, which is made and filled with zeros.
+    ///
+    /// # Errors
+    /// As [`Mapping::create`].
+    pub fn create(file: &File, offset: u64) -> io::Result<Self> {
+        Mapping::create(file, offset, PAGE).map(Self)
+    }
+
+    /// The word; where somebody cut the file short it is 0 from then on.
+    #[must_use]
+    pub const fn get(&self) -> &AtomicU64 {
+        // SAFETY: a page is mapped as long as `self` is, aligned as a page is, and nobody reaches it but through here.
+        unsafe { AtomicU64::from_ptr(self.0.start.as_ptr().cast()) }
+    }
+}
+
 impl Drop for Mapping {
     fn drop(&mut self) {
         self.entry.give_back();
@@ -194,6 +218,16 @@ mod tests {
         let mut read = [0; 2 * PAGE];
         std::os::unix::fs::FileExt::read_exact_at(&file, &mut read, 0).unwrap();
         assert_eq!(read[PAGE + 5], 7);
+    }
+
+    #[test]
+    fn a_word_is_in_the_file_at_once() {
+        let file = tempfile::tempfile().unwrap();
+        let word = Word::create(&file, PAGE as u64).unwrap();
+        word.get().store(0x0102, Ordering::SeqCst);
+        let mut read = [0; 8];
+        std::os::unix::fs::FileExt::read_exact_at(&file, &mut read, PAGE as u64).unwrap();
+        assert_eq!(u64::from_ne_bytes(read), 0x0102);
     }
 
     #[test]

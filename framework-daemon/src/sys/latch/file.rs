@@ -27,6 +27,8 @@ pub(super) struct Kept {
     file: Option<File>,
     /// What it says, or would: of the run that latched it, or of this one.
     pub(super) record: Record,
+    /// What it said of the run before, where that was not latched.
+    pub(super) before: Record,
     /// What it says of this run.
     pub(super) own: Record,
     /// Why it does not say it.
@@ -35,7 +37,7 @@ pub(super) struct Kept {
 
 impl Kept {
     pub(super) fn at(path: &Path, own: Record) -> Self {
-        Self { path: path.to_owned(), file: None, record: own.clone(), own, failure: None }
+        Self { path: path.to_owned(), file: None, record: own.clone(), before: own.clone(), own, failure: None }
     }
 
     /// Opens the file, or makes it; what it says stays. `missed`: where there is none, there should be one.
@@ -72,7 +74,10 @@ impl Kept {
         self.file = failure.is_none().then_some(file);
         self.failure = failure;
         Ok(match record::decode(&bytes) {
-            Ok((_, false)) => Left::Free,
+            Ok((before, false)) => {
+                self.before = before;
+                Left::Free
+            }
             Ok((record, true)) => Left::Latched(record),
             Err(reason) => Left::Unknown(reason),
         })

@@ -1,7 +1,7 @@
 //! The client's end of a push: its subscription, its waits, and what waits for its handler. The values themselves lie in its
 //! input.
 //!
-//! A wait for the next value has no memory: it remembers how many had arrived when it began ([`super::news`]). Whatever else
+//! A wait for the next value has no memory: it remembers how many had arrived when it began (`news`). Whatever else
 //! ends it, an end of the connection, of the subscription or of the server, is told by its code and counted.
 
 use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};

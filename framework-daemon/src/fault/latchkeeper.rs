@@ -1,5 +1,5 @@
-//! Sees to it that the file of the emergency stop's latch says what is so, and that its place stays this daemon's. On a thread of its own, because it waits for the disk, and
-//! those who depend on a faulty slot do not.
+//! Sees to it that the file of the emergency stop's latch says what is so, and that its place stays this daemon's. On a thread of
+//! its own, because it waits for the disk, and those who depend on a faulty slot do not.
 
 use std::io;
 use std::sync::PoisonError;

@@ -32,11 +32,13 @@ impl Default for Pulse {
 
 impl Pulse {
     /// A callback is entered that must return until then.
+    #[inline]
     pub fn begin(&self, deadline_ns: u64) {
         self.deadline_ns.store(deadline_ns, Ordering::Relaxed);
     }
 
     /// It returned, or its fiber ended.
+    #[inline]
     pub fn end(&self) {
         self.deadline_ns.store(AT_REST, Ordering::Relaxed);
     }

@@ -152,6 +152,7 @@ impl Armed {
 
     /// Says that the fiber runs on this thread from now on and must return until then, or wait, where it may. Fibers do not
     /// nest.
+    #[inline]
     pub(super) fn arm(&self, deadline_ns: u64, may_wait: bool) {
         self.wait.allowed.set(may_wait);
         handlers::forget();
@@ -160,6 +161,7 @@ impl Armed {
     }
 
     /// Says that the fiber returned. Thread-locals are not touched: the thread may be another one than before.
+    #[inline]
     pub(super) fn disarm(&self) {
         self.pulse.end();
     }
@@ -170,6 +172,7 @@ impl Armed {
     }
 
     /// Until when the code on the fiber waits; `None`: it does not.
+    #[inline]
     pub(super) fn take_wait(&self) -> Option<u64> {
         Some(self.wait.until_ns.take()).filter(|until_ns| *until_ns != 0)
     }

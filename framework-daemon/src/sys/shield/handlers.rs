@@ -68,6 +68,7 @@ pub(in crate::sys) fn is_here() -> bool {
 }
 
 /// A callback begins or ends: a handler that left by a jump has left.
+#[inline]
 pub(in crate::sys) fn forget() {
     FRAME.set(std::ptr::null());
 }

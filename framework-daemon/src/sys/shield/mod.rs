@@ -95,11 +95,13 @@ extern "C" fn note_fork() {
 
 /// True in a copy of the daemon that a plugin's `fork` made. Whatever it does, it does to itself.
 #[must_use]
+#[inline]
 pub fn is_copy() -> bool {
     FORKED.load(Ordering::Acquire)
 }
 
 /// A copy that comes back from plugin code ends here: two daemons would drive one robot.
+#[inline]
 pub(super) fn end_copy() {
     if is_copy() {
         // SAFETY: takes no memory, and does not return.

@@ -5,7 +5,7 @@ use std::time::Duration;
 use cases::{same, text};
 use component_sdk::prelude::*;
 
-use crate::told::{ask, cut, in_hand, join, let_go, number};
+use crate::told::{ask, cut, found_in_a_ring, in_hand, join, let_go, number};
 use crate::{Asker, todo};
 
 type Case = Result<(), String>;
@@ -103,11 +103,7 @@ pub(crate) fn receive_wait_disconnected_consumes(asker: &mut Asker, cx: &mut Con
 }
 
 pub(crate) fn cycle_of_three_over_executors(asker: &mut Asker, _: &mut Context<'_>) -> Case {
-    match number(asker.tell.query_within(ask(todo::ROUND, 1), LONG)) {
-        Ok(told) => same(told, u64::from(Status::Cycle.code())),
-        // The third one was first to wait: whoever closes the ring is told.
-        end => same(end, Err(Status::Cycle)),
-    }
+    found_in_a_ring(number(asker.tell.query_within(ask(todo::ROUND, 1), LONG)))
 }
 
 pub(crate) fn handler_trap_is_contained_and_client_released(asker: &mut Asker, _: &mut Context<'_>) -> Case {

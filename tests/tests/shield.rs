@@ -166,6 +166,11 @@ fn children_live_and_end_as_they_like() {
 }
 
 #[test]
+fn what_components_leave_for_the_end_of_a_thread_or_of_the_process_spoils_neither() {
+    allowed("destructors");
+}
+
+#[test]
 fn limits_and_filters_of_the_process_are_not_for_components() {
     allowed("limits");
     allowed("filters");

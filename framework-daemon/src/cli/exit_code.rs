@@ -1,7 +1,5 @@
 //! What the exit code says. Scripts hold on to these numbers.
 
-use std::process::ExitCode;
-
 /// How a verb ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -22,10 +20,4 @@ pub enum Exit {
     Refused = 6,
     /// The emergency stop is latched.
     Emergency = 7,
-}
-
-impl From<Exit> for ExitCode {
-    fn from(exit: Exit) -> Self {
-        Self::from(exit as u8)
-    }
 }

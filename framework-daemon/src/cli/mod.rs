@@ -3,7 +3,6 @@
 //! Help, manual page and completions come from the one definition below.
 
 use std::io::{self, Write};
-use std::process::ExitCode;
 
 use clap::{Parser, Subcommand, ValueEnum};
 
@@ -42,7 +41,7 @@ pub mod schema;
 /// `status`.
 pub mod status;
 
-use exit_code::Exit;
+pub use exit_code::Exit;
 
 const EXIT_CODES: &str = "Examples:\n  framework-daemon check profiles/navigation\n  \
      framework-daemon run profiles/navigation --plugins target/release\n  \
@@ -108,7 +107,7 @@ pub enum Format {
 }
 
 /// Parses the arguments, runs the verb and returns its exit code.
-pub fn main() -> ExitCode {
+pub fn main() -> Exit {
     let cli = Cli::parse();
     let mut out = io::stdout().lock();
     let result = match cli.verb {
@@ -134,7 +133,6 @@ pub fn main() -> ExitCode {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error),
         _ => Ok(exit),
     }))
-    .into()
 }
 
 /// A reader that has seen enough (`| head`) is no failure.

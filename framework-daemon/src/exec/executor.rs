@@ -5,7 +5,6 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, SendError, Sender};
@@ -20,8 +19,9 @@ use crate::model::schedule::Schedule;
 use crate::model::time::nanoseconds;
 use crate::profile::plan::Trigger;
 use crate::sys::bell::{Bell, Ring};
+use crate::sys::carrier::{self, Carried};
 use crate::sys::foreign::Report;
-use crate::sys::{arch, carrier, clock, watchdog};
+use crate::sys::{arch, clock, watchdog};
 
 /// What an executor may be told. Each is answered when it is done.
 enum Command {
@@ -65,7 +65,7 @@ pub struct Executor {
     pub name: String,
     bell: Arc<Bell>,
     commands: Sender<Command>,
-    thread: Option<JoinHandle<()>>,
+    thread: Option<Carried>,
     schedule: Schedule,
     stuck: AtomicBool,
 }
@@ -229,11 +229,8 @@ impl Drop for Executor {
         self.bell.wake();
         let Some(thread) = self.thread.take() else { return };
         let limit = clock::now_ns() + 100_000_000;
-        while !thread.is_finished() && !self.bell.is_retired() && clock::now_ns() < limit {
+        while !thread.is_over() && !self.bell.is_retired() && clock::now_ns() < limit {
             std::thread::sleep(Duration::from_millis(1));
-        }
-        if thread.is_finished() {
-            let _ = thread.join();
         }
     }
 }
@@ -406,6 +403,7 @@ impl Run {
         self.chain();
         while let Some(number) = self.ran.pop() {
             if let Some(member) = &mut self.members[number] {
+                member.ran = false;
                 member.update(&mut self.crew);
             }
         }
@@ -473,14 +471,8 @@ impl Run {
     fn look(&mut self, number: usize) {
         let Some(Some(member)) = self.members.get_mut(number) else { return };
         let rings = member.signal.take();
-        if rings.has(Ring::Emergency) {
-            member.emergency_stop(&mut self.crew);
-        }
-        if rings.has(Ring::Task) {
-            member.hear_tasks(&mut self.crew);
-        }
-        if rings.has(Ring::Charge) {
-            member.hear_charges(&mut self.crew);
+        if rings.has_news() {
+            member.hear(rings, &mut self.crew);
         }
         if member.strand.waits() {
             member.strand.hold(rings.without(Ring::Wait));
@@ -526,7 +518,8 @@ impl Run {
             return;
         }
         member.let_in();
-        if member.strand.job != Job::Serve && !self.ran.contains(&number) {
+        if member.strand.job != Job::Serve && !member.ran {
+            member.ran = true;
             self.ran.push(number);
         }
     }

@@ -23,7 +23,7 @@ use crate::model::limits::{TASK_END, TASK_END_AT_STOP};
 use crate::model::time::nanoseconds;
 use crate::port::pattern::provider::Openness;
 use crate::profile::plan::{Coverage, Preload, Trigger};
-use crate::sys::bell::{Ring, Signal};
+use crate::sys::bell::{Ring, Rings, Signal};
 use crate::sys::clock;
 
 /// What an executor's members share.
@@ -108,6 +108,8 @@ pub struct Member {
     pub spare: Option<Box<Unit>>,
     /// Its callback that may wait.
     pub strand: Strand,
+    /// It has run in this cycle of its executor.
+    pub ran: bool,
     /// When the next period begins.
     pub next_due_ns: u64,
     /// Place in the order of data flow.
@@ -344,6 +346,7 @@ impl Member {
         self.completed(took_ns, crew);
         // It took one value of several: the others are news, too. One that takes nothing is not asked again.
         if let Job::Execute { queued } = self.strand.job
+            && queued > 1
             && self.trigger == Trigger::Nonperiodic
             && (1..queued).contains(&self.queued())
         {
@@ -370,10 +373,30 @@ impl Member {
     /// Its callback is done, however it ended: what was rung for meanwhile is looked at, and the next request has its turn
     /// after all others that wait for this executor.
     pub(super) fn let_in(&mut self) {
-        self.signal.ring_again(self.strand.release());
+        let held = self.strand.release();
+        if !held.is_empty() {
+            self.signal.ring_again(held);
+        }
+        if !self.slot.serves() {
+            return;
+        }
         let has_event = self.slot.events.settle();
         if has_event || self.has_to_serve() {
             self.signal.ring(Ring::Serve);
+        }
+    }
+
+    /// What somebody has to tell that is no reason to enter a callback.
+    #[cold]
+    pub(super) fn hear(&mut self, rings: Rings, crew: &mut Crew) {
+        if rings.has(Ring::Emergency) {
+            self.emergency_stop(crew);
+        }
+        if rings.has(Ring::Task) {
+            self.hear_tasks(crew);
+        }
+        if rings.has(Ring::Charge) {
+            self.hear_charges(crew);
         }
     }
 

@@ -56,6 +56,13 @@ impl Slot {
         self.outputs.iter().find(|port| port.name == name)
     }
 
+    /// True where something may come in that a handler is entered for.
+    #[must_use]
+    #[inline]
+    pub const fn serves(&self) -> bool {
+        self.handles_pushes || !self.providers.is_empty() || !self.events.is_empty()
+    }
+
     /// What receives every value or event at the port of that name, and counts it.
     #[must_use]
     pub fn reader(&self, name: &str) -> Option<&Arc<InPort>> {

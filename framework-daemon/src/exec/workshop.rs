@@ -10,7 +10,6 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crossbeam_queue::ArrayQueue;
@@ -25,8 +24,9 @@ use crate::model::limits::{CLEARED_UNITS, SHUTDOWN_STEP, SLOTS, SPARE_PAUSE_MAX,
 use crate::model::schedule::Schedule;
 use crate::model::symptom::SeverityTable;
 use crate::model::time::nanoseconds;
+use crate::sys::carrier::{self, Carried};
 use crate::sys::wake::Waker;
-use crate::sys::{arch, carrier, clock, watchdog};
+use crate::sys::{arch, clock, watchdog};
 
 /// Shelves that want something, each at most once, and what wakes the thread.
 struct Orders {
@@ -195,7 +195,7 @@ impl Orders {
 /// The workshop as others see it.
 pub struct Workshop {
     orders: Arc<Orders>,
-    thread: Option<JoinHandle<()>>,
+    thread: Option<Carried>,
 }
 
 impl Workshop {
@@ -253,11 +253,8 @@ impl Drop for Workshop {
         let Some(thread) = self.thread.take() else { return };
         let _ = self.settle(SHUTDOWN_STEP);
         let limit = clock::now_ns() + 100_000_000;
-        while self.orders.is_idle() && !thread.is_finished() && clock::now_ns() < limit {
+        while self.orders.is_idle() && !thread.is_over() && clock::now_ns() < limit {
             std::thread::sleep(Duration::from_millis(1));
-        }
-        if thread.is_finished() {
-            let _ = thread.join();
         }
     }
 }

@@ -60,7 +60,10 @@ impl EventEnds {
         if was_first { other().or_else(|| self.next()) } else { self.next().or_else(other) }
     }
 
-    fn is_empty(&self) -> bool {
+    /// True without any.
+    #[must_use]
+    #[inline]
+    pub const fn is_empty(&self) -> bool {
         self.clients.is_empty() && self.servers.is_empty() && self.inputs.is_empty()
     }
 

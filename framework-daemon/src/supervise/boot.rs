@@ -216,6 +216,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         unit: None,
         spare: None,
         strand: Strand::default(),
+        ran: false,
         next_due_ns: 0,
         rank: 0,
         inject: std::collections::VecDeque::new(),

@@ -205,6 +205,12 @@ impl Rings {
         self.0 & why as u32 != 0
     }
 
+    /// True where somebody has something to tell that is no reason to enter a callback.
+    #[must_use]
+    pub const fn has_news(self) -> bool {
+        self.0 & (Ring::Emergency as u32 | Ring::Task as u32 | Ring::Charge as u32) != 0
+    }
+
     /// True without any.
     #[must_use]
     pub const fn is_empty(self) -> bool {

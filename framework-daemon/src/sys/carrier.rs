@@ -10,16 +10,16 @@
 
 use std::cell::RefCell;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::thread::JoinHandle;
 
 use corosensei::Coroutine;
 use corosensei::stack::DefaultStack;
+use crossbeam_channel::{Receiver, TryRecvError, bounded};
 
 use super::pulse::Pulse;
 use super::relay::Relay;
 use super::trap::Armed;
 use super::wake::Waker;
-use super::{thread, watchdog};
+use super::{arch, thread, watchdog};
 use crate::model::limits::{RESERVE_THREADS, SCHEDULE_STACK_BYTES};
 use crate::model::schedule::Schedule;
 
@@ -41,7 +41,26 @@ pub fn lease() -> Lease {
     LEASE.with_borrow(Clone::clone)
 }
 
-/// Starts a thread that carries `body`, with a reserve. What the system does not permit of `schedule` is passed to
+/// A thread that carries something, as whoever started it sees it.
+#[derive(Debug)]
+pub struct Carried(Receiver<()>);
+
+impl Carried {
+    /// True when what it carried is over.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.0.try_recv() == Err(TryRecvError::Disconnected)
+    }
+
+    /// Waits until it is.
+    pub fn wait(&self) {
+        // Nothing is ever sent.
+        let _ = self.0.recv();
+    }
+}
+
+/// Starts a thread that carries `body`, with a reserve, and ends when that is over: without destructors of thread-locals, for
+/// those of components would run here, outside of any callback. What the system does not permit of `schedule` is passed to
 /// `refused`, in words.
 ///
 /// # Errors
@@ -51,17 +70,24 @@ pub fn spawn(
     schedule: Schedule,
     refused: impl FnOnce(&str) + Send + 'static,
     body: impl FnOnce() + Send + 'static,
-) -> std::io::Result<JoinHandle<()>> {
+) -> std::io::Result<Carried> {
     let relay = reserve(&schedule)?;
     let stack = DefaultStack::new(SCHEDULE_STACK_BYTES)?;
+    let (running, over) = bounded(0);
+    let carry = move || {
+        body();
+        drop(running);
+        arch::exit_thread()
+    };
     thread::spawn_guarded(name, schedule, refused, move || {
         let lease = Lease { pulse: Arc::default(), relay: Some(relay) };
         lease.pulse.move_to(thread::id());
         watchdog::add(&lease.pulse);
         LEASE.set(lease);
-        let mut executor = Coroutine::<(), (), ()>::with_stack(stack, move |_, ()| body());
+        let mut executor = Coroutine::<(), (), ()>::with_stack(stack, move |_, ()| carry());
         executor.resume(());
-    })
+    })?;
+    Ok(Carried(over))
 }
 
 /// Reserve threads of one schedule.

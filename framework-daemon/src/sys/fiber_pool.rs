@@ -155,15 +155,25 @@ impl<E: Errand> FiberPool<E> {
 }
 
 /// Fibers with a stack of that size.
+#[inline]
 fn shelf<E: Errand>(idle: &mut Vec<(usize, Shelf<E>)>, stack_bytes: usize) -> &mut Shelf<E> {
-    let index = idle.iter().position(|(size, _)| *size == stack_bytes).unwrap_or_else(|| {
-        idle.push((stack_bytes, Vec::with_capacity(IDLE_FIBERS)));
-        idle.len() - 1
-    });
+    // Most executors have one size.
+    let is_first = idle.first().is_some_and(|(size, _)| *size == stack_bytes);
+    let index = if is_first { 0 } else { place(idle, stack_bytes) };
     &mut idle[index].1
 }
 
+/// Where fibers with a stack of that size are.
+#[inline(never)]
+fn place<E: Errand>(idle: &mut Vec<(usize, Shelf<E>)>, stack_bytes: usize) -> usize {
+    idle.iter().position(|(size, _)| *size == stack_bytes).unwrap_or_else(|| {
+        idle.push((stack_bytes, Vec::with_capacity(IDLE_FIBERS)));
+        idle.len() - 1
+    })
+}
+
 /// As [`shelf`], with a fiber on it at least.
+#[inline]
 fn stocked<'a, E: Errand>(
     idle: &'a mut Vec<(usize, Shelf<E>)>,
     stack_bytes: usize,

@@ -60,7 +60,7 @@ pub fn measure(policy: &str, faults: usize) -> (Samples, Samples) {
     };
     let thread = carrier::spawn("rig", schedule(policy, PRIORITY), |_| {}, body).expect("a thread");
     let measured = results.recv().expect("the rig measures");
-    let _ = thread.join();
+    thread.wait();
     drop(workshop);
     measured
 }

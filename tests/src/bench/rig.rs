@@ -127,7 +127,7 @@ pub fn measure(profiles: &Profiles, policy: &str, inject: u8, faults: usize, lim
     };
     let thread = carrier::spawn("rig", schedule(policy, PRIORITY), |_| {}, body).expect("a thread");
     let measured = results.recv().expect("the rig measures");
-    let _ = thread.join();
+    thread.wait();
     drop(kept);
     measured
 }

@@ -41,6 +41,7 @@ fn commit(deed: &str) -> Outcome {
         "handler reset" => reset_handlers(),
         "mask" => mask_all(),
         "signal stack" => disable_signal_stack(),
+        "destructors" => leave_destructors(),
         // SAFETY: a signal to this process.
         "kill" => _ = unsafe { libc::kill(libc::getpid(), libc::SIGTERM) },
         // SAFETY: as above.
@@ -62,6 +63,29 @@ fn commit(deed: &str) -> Outcome {
         _ => return raw::commit(deed).or_else(|()| lawful::commit(deed)).unwrap_or_else(|()| astray::commit(deed)),
     }
     Ok(())
+}
+
+/// Fails when its thread ends.
+struct Ending;
+
+impl Drop for Ending {
+    fn drop(&mut self) {
+        null_write();
+    }
+}
+
+thread_local! {
+    static ENDING: Ending = const { Ending };
+}
+
+/// Leaves behind what fails at the end of the thread, and of the process.
+fn leave_destructors() {
+    extern "C" fn fail() {
+        null_write();
+    }
+    ENDING.with(|_| ());
+    // SAFETY: a function that takes nothing.
+    unsafe { libc::atexit(fail) };
 }
 
 fn null_write() {

@@ -15,7 +15,7 @@ use super::arch;
 use super::shield::{self, Caller};
 
 /// What only the daemon may do.
-const FENCED: [i64; 11] = [
+const FENCED: [i64; 13] = [
     libc::SYS_exit,
     libc::SYS_exit_group,
     libc::SYS_kill,
@@ -27,6 +27,8 @@ const FENCED: [i64; 11] = [
     libc::SYS_rt_sigprocmask,
     libc::SYS_sigaltstack,
     libc::SYS_seccomp,
+    libc::SYS_setrlimit,
+    libc::SYS_prlimit64,
 ];
 
 static STANDS: AtomicBool = AtomicBool::new(false);
@@ -243,8 +245,11 @@ fn ask(number: i64, arguments: &[usize; 6]) -> Answer {
         libc::SYS_exit | libc::SYS_exit_group => return refused(Verdict::Leaves),
         libc::SYS_rt_sigaction | libc::SYS_rt_sigprocmask => return Answer::Question(1),
         libc::SYS_sigaltstack => return Answer::Question(0),
-        // A filter could end the thread, or the process.
-        libc::SYS_seccomp => return Answer::Denied,
+        // A filter could end the thread, or the process; a limit what the daemon writes.
+        libc::SYS_seccomp | libc::SYS_setrlimit => return Answer::Denied,
+        // Who only asks, or means another process.
+        libc::SYS_prlimit64 if arguments[2] == 0 || !shield::is_self(argument(0)) => return Answer::Passed,
+        libc::SYS_prlimit64 => return Answer::Denied,
         // A thread's number is hardly ever another process's.
         libc::SYS_tkill => (0, argument(1)),
         libc::SYS_tgkill | libc::SYS_rt_tgsigqueueinfo => (argument(0), argument(2)),

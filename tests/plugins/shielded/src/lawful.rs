@@ -109,11 +109,13 @@ fn limits() -> Outcome {
     // SAFETY: reads the limit.
     let results = unsafe {
         [
-            libc::setrlimit(libc::RLIMIT_CPU, &raw const none),
-            libc::prlimit(0, libc::RLIMIT_CPU, &raw const none, std::ptr::null_mut()),
+            libc::setrlimit(libc::RLIMIT_CPU, &raw const none).into(),
+            libc::prlimit(0, libc::RLIMIT_CPU, &raw const none, std::ptr::null_mut()).into(),
+            libc::syscall(libc::SYS_setrlimit, libc::RLIMIT_CPU, &raw const none),
+            libc::syscall(libc::SYS_prlimit64, 0, libc::RLIMIT_CPU, &raw const none, 0),
         ]
     };
-    if results == [-1; 2] { Ok(()) } else { Err(fault!("limits were set: {results:?}")) }
+    if results == [-1_i64; 4] { Ok(()) } else { Err(fault!("limits were set: {results:?}")) }
 }
 
 /// A filter that would end the process with its next system call is not permitted.

@@ -21,7 +21,7 @@ use crate::profile::plan::Trigger;
 use crate::sys::bell::{Bell, Ring};
 use crate::sys::carrier::{self, Carried};
 use crate::sys::foreign::Report;
-use crate::sys::{arch, clock, watchdog};
+use crate::sys::{clock, watchdog};
 
 /// What an executor may be told. Each is answered when it is done.
 enum Command {
@@ -229,7 +229,7 @@ impl Drop for Executor {
         self.bell.wake();
         let Some(thread) = self.thread.take() else { return };
         let limit = clock::now_ns() + 100_000_000;
-        while !thread.is_over() && !self.bell.is_retired() && clock::now_ns() < limit {
+        while !thread.is_over() && clock::now_ns() < limit {
             std::thread::sleep(Duration::from_millis(1));
         }
     }
@@ -314,18 +314,9 @@ impl Run {
             }
             Command::Blame(number, report) => _ = self.with(number, |member, crew| member.blame(&report, crew)),
             Command::Follow(chains) => chains.into_iter().for_each(|(number, upstream)| self.follow(number, upstream)),
-            // Plugins' thread-local destructors run when a thread ends; after a trap they might meet half-changed state.
-            Command::Quit if self.crew.lost => self.retire(),
             Command::Quit => return false,
         }
         true
-    }
-
-    /// Ends the thread as it stands, without its destructors; what it holds that others wait for is let go first.
-    fn retire(&mut self) -> ! {
-        self.crew.faults = crossbeam_channel::bounded(1).0;
-        self.bell.retire();
-        arch::exit_thread()
     }
 
     fn install(&mut self, mut member: Box<Member>) -> Result<usize, String> {

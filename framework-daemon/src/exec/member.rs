@@ -32,8 +32,6 @@ pub struct Crew {
     pub fibers: Fibers,
     /// To the fault manager.
     pub faults: FaultSender,
-    /// An instance trapped on this thread.
-    pub lost: bool,
     /// When the last callback ended, as long as that is as good as now; 0: not known. To look takes as long as the way into
     /// a callback, so that the end of one is the beginning of the next.
     pub ended_ns: u64,
@@ -46,14 +44,7 @@ impl Crew {
     /// Of the executor whose thread calls it.
     #[must_use]
     pub fn new(faults: FaultSender) -> Self {
-        Self {
-            fibers: Fibers::default(),
-            faults,
-            lost: false,
-            ended_ns: 0,
-            ended_exactly: false,
-            look_again_ns: u64::MAX,
-        }
+        Self { fibers: Fibers::default(), faults, ended_ns: 0, ended_exactly: false, look_again_ns: u64::MAX }
     }
 
     /// When a callback that follows the last one at once begins: to the nanosecond, or to a tick.

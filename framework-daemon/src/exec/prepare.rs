@@ -25,9 +25,7 @@ impl Crew {
     /// The fault of its constructor or of `initialize`.
     pub fn make(&mut self, slot: &Slot, recipe: &Recipe) -> Result<Box<Unit>, Fault> {
         let parts = recipe.gather(slot).map_err(|text| callback::told(Symptom::Error, &text))?;
-        let unit = callback::create(&mut self.fibers, parts);
-        self.lost |= unit.as_ref().is_err_and(|fault| fault.symptom.loses_instance());
-        let unit = unit?;
+        let unit = callback::create(&mut self.fibers, parts)?;
         self.first(slot, unit, Hook::Initialize)
     }
 
@@ -91,7 +89,6 @@ impl Crew {
 
     /// What follows every callback of a unit, however it ended.
     fn look_after(&mut self, unit: &mut Unit) {
-        self.lost |= unit.spent;
         if seat::has_notes() {
             start_tasks(unit);
             while let Some(note) = host::take_region() {
@@ -112,7 +109,6 @@ impl Crew {
         let copied =
             if has_room { callback::touch(&mut self.fibers, unit, &mut || checkpoint.copy(&regions)) } else { Ok(()) };
         unit.regions = regions;
-        self.lost |= unit.spent;
         if has_room && copied.is_ok() {
             checkpoint.seal();
         }
@@ -128,7 +124,6 @@ impl Crew {
         let regions = std::mem::take(&mut unit.regions);
         let restored = callback::touch(&mut self.fibers, unit, &mut || checkpoint.restore(whole, &regions));
         unit.regions = regions;
-        self.lost |= unit.spent;
         restored.map(|()| Some(whole.age_ns))
     }
 
@@ -159,7 +154,6 @@ impl Crew {
         }
         if !disposal.dropped {
             Status::count(&slot.status.quarantined);
-            self.lost = true;
         }
     }
 

@@ -40,7 +40,6 @@ impl Member {
             && let Some(unit) = self.unit.as_mut().filter(|unit| !unit.spent)
         {
             unit.spent = true;
-            crew.lost = true;
             let name = names.first().map_or("", |name| name.as_str());
             let message = ShortText::of(format_args!("task {name} was cancelled and did not come to its end"));
             self.note(&Fault::told(Symptom::Hang, clock::now_ns(), Evidence::Text { message }), crew);

@@ -26,7 +26,7 @@ use crate::model::symptom::SeverityTable;
 use crate::model::time::nanoseconds;
 use crate::sys::carrier::{self, Carried};
 use crate::sys::wake::Waker;
-use crate::sys::{arch, clock, watchdog};
+use crate::sys::{clock, watchdog};
 
 /// Shelves that want something, each at most once, and what wakes the thread.
 struct Orders {
@@ -290,17 +290,6 @@ impl Worker {
             self.wake_resting();
             let next = self.resting.iter().map(|resting| resting.until_ns).min();
             self.orders.waker.wait_until(next);
-        }
-        self.leave();
-    }
-
-    /// Ends; after a trap without destructors, holding nothing that others wait for: plugins' thread-local ones might meet
-    /// half-changed state.
-    fn leave(mut self) {
-        if self.crew.lost {
-            self.crew.faults = crossbeam_channel::bounded(1).0;
-            self.resting.clear();
-            arch::exit_thread();
         }
     }
 

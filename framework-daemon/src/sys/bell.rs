@@ -27,7 +27,6 @@ pub struct Bell {
     far: ArrayQueue<usize>,
     /// The last member came from the others.
     was_far: AtomicBool,
-    retired: AtomicBool,
 }
 
 impl Bell {
@@ -40,24 +39,12 @@ impl Bell {
             near: Near::new(),
             far: ArrayQueue::new(MEMBERS_MAX),
             was_far: AtomicBool::new(false),
-            retired: AtomicBool::new(false),
         })
     }
 
     /// Says that the calling thread is this executor's.
     pub fn adopt(self: &Arc<Self>) {
         seat::sit_at(Arc::as_ptr(self).cast());
-    }
-
-    /// The executor's thread will do nothing any more, though it may not end.
-    pub fn retire(&self) {
-        self.retired.store(true, Ordering::Release);
-    }
-
-    /// True after [`Self::retire`].
-    #[must_use]
-    pub fn is_retired(&self) -> bool {
-        self.retired.load(Ordering::Acquire)
     }
 
     /// Wakes the executor.

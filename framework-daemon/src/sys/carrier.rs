@@ -60,7 +60,7 @@ impl Carried {
 }
 
 /// Starts a thread that carries `body`, with a reserve, and ends when that is over: without destructors of thread-locals, for
-/// those of components would run here, outside of any callback. What the system does not permit of `schedule` is passed to
+/// those of components would run here, outside of any callback, and after a trap meet half-changed state. What the system does not permit of `schedule` is passed to
 /// `refused`, in words.
 ///
 /// # Errors

@@ -319,11 +319,6 @@ impl Subscriber {
         end
     }
 
-    fn stop_waiting(&self) {
-        self.news.stop();
-        self.waiter.end();
-    }
-
     /// Cycle and state of its server.
     ///
     /// # Errors
@@ -350,7 +345,8 @@ impl Subscriber {
 
     /// The instance failed or left: it waits for nothing. The subscription is the slot's.
     pub fn change_hands(&self) {
-        self.stop_waiting();
+        self.news.stop();
+        self.waiter.end();
         self.gate.open_authors();
         if self.waits() {
             self.ring(Ring::Serve);

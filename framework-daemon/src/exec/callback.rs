@@ -12,7 +12,7 @@ use crate::model::symptom::Symptom;
 use crate::plugin::host;
 use crate::port::check;
 use crate::sys::clock;
-use crate::sys::fiber::{Ended, Errand};
+use crate::sys::fiber::{Ended, Errand, Fiber};
 use crate::sys::fiber_pool::{FiberPool, Progress};
 use crate::sys::foreign::Event;
 use crate::sys::seat::{self, Owner};
@@ -54,7 +54,7 @@ impl Call<'_> {
 
 impl<'a> Call<'a> {
     /// As it crosses the border. Where the time is not known exactly, the component asks for it if it wants to know.
-    pub(super) fn args(&self) -> CallArgs<'a> {
+    pub(super) const fn args(&self) -> CallArgs<'a> {
         let now_ns = if self.slack_ns == 0 { self.now_ns } else { 0 };
         CallArgs { hook: self.hook, inject: self.inject, now_ns, fault: self.fault, serve: self.serve }
     }
@@ -124,6 +124,23 @@ pub fn go_on(
     take_seat(&unit.owner);
     let deadline_ns = begins_ns.saturating_add(unit.limits.hang_ns);
     match fibers.go_on(ticket, deadline_ns, may_wait) {
+        Some(progress) => settle(fibers, unit, strand, progress),
+        None => Ok(Pause::Done),
+    }
+}
+
+/// Goes on from where a handler of `unit` got to on a fiber that was lent.
+///
+/// # Errors
+/// The fault that ended it.
+pub fn take_up(
+    fibers: &mut Fibers,
+    unit: &mut Unit,
+    strand: &mut Strand,
+    fiber: Box<Fiber<Frame>>,
+) -> Result<Pause, Fault> {
+    let _ = seat::enter(&unit.owner);
+    match fibers.take_back(fiber) {
         Some(progress) => settle(fibers, unit, strand, progress),
         None => Ok(Pause::Done),
     }

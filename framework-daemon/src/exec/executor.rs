@@ -347,6 +347,7 @@ impl Run {
         match self.members.get_mut(number) {
             Some(Some(member)) => {
                 act(member, &mut self.crew);
+                member.offer(&mut self.crew);
                 member.state()
             }
             _ => State::Destroyed,
@@ -396,6 +397,7 @@ impl Run {
             if let Some(member) = &mut self.members[number] {
                 member.ran = false;
                 member.update(&mut self.crew);
+                member.offer(&mut self.crew);
             }
         }
     }
@@ -413,6 +415,7 @@ impl Run {
         self.crew.look_again_ns = u64::MAX;
         for member in self.members.iter_mut().flatten() {
             member.look_again(now_ns, &mut self.crew);
+            member.offer(&mut self.crew);
             let next_ns = member.chain.as_ref().and_then(|chain| chain.until_ns());
             let next_ns = next_ns.map_or(u64::MAX, |until_ns| until_ns.saturating_add(1));
             self.crew.look_again_ns = self.crew.look_again_ns.min(next_ns);
@@ -445,6 +448,7 @@ impl Run {
         for member in self.members.iter_mut().flatten() {
             if member.breath.as_ref().is_some_and(|breath| breath.until_ns() <= now_ns) {
                 member.breathe_out(&mut self.crew);
+                member.offer(&mut self.crew);
             }
         }
     }
@@ -464,6 +468,7 @@ impl Run {
         let rings = member.signal.take();
         if rings.has_news() {
             member.hear(rings, &mut self.crew);
+            member.offer(&mut self.crew);
         }
         if member.strand.waits() {
             member.strand.hold(rings.without(Ring::Wait));
@@ -473,8 +478,7 @@ impl Run {
             return;
         }
         if rings.has(Ring::Serve) && member.state() == State::Active {
-            member.serve(&mut self.crew);
-            self.executed(number);
+            self.enter(number, Member::serve);
         }
         let Some(Some(member)) = self.members.get_mut(number) else { return };
         if rings.has(Ring::Data) && member.trigger == Trigger::Nonperiodic {
@@ -487,17 +491,45 @@ impl Run {
     }
 
     fn execute(&mut self, number: usize) {
-        if let Some(Some(member)) = self.members.get_mut(number)
+        if let Some(Some(member)) = self.members.get(number)
             && member.state() == State::Active
         {
-            member.execute(&mut self.crew);
-            self.executed(number);
+            self.enter(number, Member::execute);
         }
     }
 
     fn go_on(&mut self, number: usize) {
-        if let Some(Some(member)) = self.members.get_mut(number) {
-            member.go_on(&mut self.crew);
+        self.enter(number, Member::go_on);
+    }
+
+    /// Enters a callback of a member, from which others of this executor may be asked at once.
+    fn enter(&mut self, number: usize, callback: fn(&mut Member, &mut Crew)) {
+        let Some(Some(member)) = self.members.get_mut(number) else { return };
+        if member.asks_at_once() {
+            self.crew.aside.enter(number);
+        }
+        callback(member, &mut self.crew);
+        self.crew.aside.leave();
+        if self.crew.aside.take_news() {
+            self.take_up_aside();
+        }
+        self.executed(number);
+    }
+
+    /// What handlers came to that were entered from within a callback: those first that were entered from within others.
+    #[cold]
+    fn take_up_aside(&mut self) {
+        let next = |members: &[Option<Box<Member>>]| {
+            let lanes = members
+                .iter()
+                .enumerate()
+                .filter_map(|(number, member)| Some((member.as_ref()?.lane.as_ref()?.news()?, number)));
+            lanes.min()
+        };
+        while let Some((_, number)) = next(&self.members) {
+            if let Some(member) = &mut self.members[number] {
+                member.take_up_aside(&mut self.crew);
+            }
             self.executed(number);
         }
     }
@@ -505,6 +537,7 @@ impl Run {
     /// A member's callback is done, or waits: then its `update` waits as well, and what was rung for.
     fn executed(&mut self, number: usize) {
         let Some(Some(member)) = self.members.get_mut(number) else { return };
+        member.offer(&mut self.crew);
         if member.strand.waits() {
             return;
         }

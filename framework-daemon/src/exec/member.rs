@@ -8,6 +8,7 @@ use component_sdk::abi::class::Hook;
 use super::callback::{self, Call, Fibers};
 use super::checkpoint::Checkpoint;
 use super::follow::Chain;
+use super::lane::{Aside, Lane};
 use super::recover::Breath;
 use super::service;
 use super::silence::Watched;
@@ -38,13 +39,16 @@ pub struct Crew {
     ended_exactly: bool,
     /// When to look whether a consequence is still there; `u64::MAX`: none waits.
     pub(super) look_again_ns: u64,
+    /// What lanes tell.
+    pub(super) aside: Arc<Aside>,
 }
 
 impl Crew {
     /// Of the executor whose thread calls it.
     #[must_use]
     pub fn new(faults: FaultSender) -> Self {
-        Self { fibers: Fibers::default(), faults, ended_ns: 0, ended_exactly: false, look_again_ns: u64::MAX }
+        let (fibers, aside) = (Fibers::default(), Arc::default());
+        Self { fibers, faults, ended_ns: 0, ended_exactly: false, look_again_ns: u64::MAX, aside }
     }
 
     /// When a callback that follows the last one at once begins: to the nanosecond, or to a tick.
@@ -121,6 +125,8 @@ pub struct Member {
     pub coverage: Coverage,
     /// Who may be the root of its faults; `None`: nobody.
     pub chain: Option<Box<Chain>>,
+    /// Where its handlers are entered from within others' callbacks; `None`: it has none that are.
+    pub lane: Option<Arc<Lane>>,
     /// When the emergency stop was latched that it heard last; 0: it heard none.
     pub stopped_us: u64,
 }
@@ -320,11 +326,16 @@ impl Member {
             Ok(pause) => *pause,
             Err(fault) => return self.handle(fault, crew),
         };
-        let took_ns = crew.ends_ns(self.strand.exact).saturating_sub(began_ns);
+        let away_ns = crew.aside.take_away_ns();
+        // How long others ran on its time is known to a tick.
+        self.strand.exact &= away_ns == 0;
+        let took_ns = crew.ends_ns(self.strand.exact).saturating_sub(began_ns + away_ns);
         // It may have been a tick less: no component is said to be slower than it is.
         self.strand.ran_ns += took_ns.saturating_sub(self.slack_ns());
         match pause {
             Pause::Done => self.finish(self.strand.ran_ns, crew),
+            // What was left is not its own: who ran on its time is looked at first.
+            Pause::Waits if crew.aside.has_news() => {}
             // The next callback on this thread would erase it.
             Pause::Waits => self.keep_side_report(),
         }
@@ -375,6 +386,43 @@ impl Member {
         if has_event || self.has_to_serve() {
             self.signal.ring(Ring::Serve);
         }
+    }
+
+    /// Its handlers can be entered from within others' callbacks while it is at rest.
+    #[inline]
+    pub(super) fn offer(&self, crew: &mut Crew) {
+        if let Some(lane) = &self.lane {
+            self.offer_lane(lane, crew);
+        }
+    }
+
+    fn offer_lane(&self, lane: &Lane, crew: &mut Crew) {
+        let is_at_rest = self.state() == State::Active
+            && self.early.is_none()
+            && self.breath.is_none()
+            && !self.strand.waits()
+            // One of them may answer from its own thread.
+            && self.slot.tasks.is_empty();
+        match self.unit.as_ref().filter(|unit| is_at_rest && !unit.spent && !unit.limits.is_tight()) {
+            Some(unit) => lane.open(unit, &crew.aside, &mut crew.fibers),
+            None => lane.close(),
+        }
+    }
+
+    /// Takes up what a handler came to that was entered from within another callback.
+    pub(super) fn take_up_aside(&mut self, crew: &mut Crew) {
+        let Some(fiber) = self.lane.as_ref().and_then(|lane| lane.take_out(&mut self.strand)) else { return };
+        let Some(unit) = self.unit.as_mut() else { return };
+        self.strand.take_up(Job::Serve);
+        self.strand.exact = false;
+        let result = crew.take_up(unit, &mut self.strand, fiber);
+        self.after(&result, clock::now_ns(), crew);
+    }
+
+    /// True where its callback may ask others at once: how long they take is not measured exactly.
+    #[inline]
+    pub(super) fn asks_at_once(&self) -> bool {
+        !self.is_tight()
     }
 
     /// What somebody has to tell that is no reason to enter a callback.
@@ -474,6 +522,7 @@ impl Member {
         if let Some(unit) = self.unit.take() {
             crew.dispose(&self.slot, unit);
         }
+        self.lane.iter().for_each(|lane| lane.clear(&mut crew.fibers));
         let spare = self.put_spare_down();
         let standbys = std::mem::take(&mut self.standbys).into_iter().filter_map(|standby| standby.unit).chain(spare);
         for unit in standbys.chain(self.shelf.close()) {

@@ -22,6 +22,9 @@ pub mod kept;
 /// One schedule: which members, in which order, until told to stop.
 pub mod executor;
 
+/// The way into a member's handlers from within others' callbacks.
+pub mod lane;
+
 /// A slot as its executor sees it: instance, state, rules, standbys.
 pub mod member;
 

@@ -8,7 +8,7 @@ use super::checkpoint::{Checkpoint, Region};
 use super::member::Crew;
 use super::recover;
 use super::slot::{Slot, Status};
-use super::strand::{Pause, Strand};
+use super::strand::{Frame, Pause, Strand};
 use super::task_faults::start_tasks;
 use super::unit::{Recipe, Unit};
 use crate::model::fault::{Fault, FaultEvent, Outcome, Times};
@@ -16,6 +16,7 @@ use crate::model::ladder::Answer;
 use crate::model::names;
 use crate::model::symptom::{Severity, Symptom};
 use crate::plugin::host;
+use crate::sys::fiber::Fiber;
 use crate::sys::seat;
 
 impl Crew {
@@ -67,7 +68,7 @@ impl Crew {
     /// The fault that ended it.
     pub fn begin(&mut self, unit: &mut Unit, strand: &mut Strand, call: &Call<'static>) -> Result<Pause, Fault> {
         let result = callback::begin(&mut self.fibers, unit, strand, call);
-        self.look_after(unit);
+        self.look_after_own(unit);
         result
     }
 
@@ -83,8 +84,30 @@ impl Crew {
         may_wait: bool,
     ) -> Result<Pause, Fault> {
         let result = callback::go_on(&mut self.fibers, unit, strand, begins_ns, may_wait);
+        self.look_after_own(unit);
+        result
+    }
+
+    /// Goes on from where a handler of a unit got to in its lane.
+    ///
+    /// # Errors
+    /// The fault that ended it.
+    pub(super) fn take_up(
+        &mut self,
+        unit: &mut Unit,
+        strand: &mut Strand,
+        fiber: Box<Fiber<Frame>>,
+    ) -> Result<Pause, Fault> {
+        let result = callback::take_up(&mut self.fibers, unit, strand, fiber);
         self.look_after(unit);
         result
+    }
+
+    /// As [`Self::look_after`]; what there is may be of others, who ran on the unit's time.
+    fn look_after_own(&mut self, unit: &mut Unit) {
+        if !self.aside.has_news() {
+            self.look_after(unit);
+        }
     }
 
     /// What follows every callback of a unit, however it ended.

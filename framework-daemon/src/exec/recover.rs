@@ -132,6 +132,8 @@ impl Member {
     }
 
     fn answer(&mut self, fault: &Fault, crew: &mut Crew) {
+        // What is entered from here on asks nobody at once: its answer is given first.
+        crew.aside.leave();
         if self.ladder.severity(fault.symptom) == Severity::Emergency {
             emergency::raise(self.slot.name, fault.at_ns);
         }

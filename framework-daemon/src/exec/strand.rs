@@ -132,6 +132,11 @@ impl Strand {
         }
     }
 
+    /// The frame that is kept between callbacks, where another one takes its place.
+    pub(super) fn spare_frame(&mut self) -> Option<Box<Frame>> {
+        self.frame.take()
+    }
+
     /// The callback that was entered last, and when; `None`: it waits.
     #[must_use]
     pub fn last(&self) -> Option<(Hook, u64)> {
@@ -174,6 +179,27 @@ impl Next {
 }
 
 impl Frame {
+    /// For handlers of that instance.
+    pub(super) const fn serving(entry: Entry, limits: Limits) -> Self {
+        let args = Call::plain(Hook::Serve).args();
+        Self { entry, args, limits, next: Next::Nothing, status: CallStatus::Done }
+    }
+
+    /// The same, for another instance.
+    pub(super) fn serve_for(&mut self, entry: Entry, limits: Limits) {
+        *self = Self::serving(entry, limits);
+    }
+
+    /// What the handler is to serve. Its time is not known.
+    pub(super) fn take_up(&mut self, serve: ServeArgs) {
+        self.args.serve = serve;
+    }
+
+    /// The callback returned as it should.
+    pub(super) fn is_done(&self) -> bool {
+        self.status == CallStatus::Done
+    }
+
     /// Turns to the next callback of a succession; false: there is none.
     fn turn_to_next(&mut self) -> bool {
         let hook = match (self.next, self.args.hook) {

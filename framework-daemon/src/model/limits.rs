@@ -187,6 +187,8 @@ pub const RATE_ELEMENTS: usize = 1_024;
 pub const FAULT_EVENTS: usize = 4_096;
 /// Idle fibers that an executor makes room for, for each size of stack.
 pub const IDLE_FIBERS: usize = 4;
+/// Questions that one callback may have answered at once, one after the other, before others have their turn.
+pub const TURNS_AT_ONCE: u32 = 64;
 /// Longest time that a callback may wait at once.
 pub const WAIT_MAX: Duration = Duration::from_secs(7 * 24 * 3600);
 /// Fibers that wait which an executor makes room for; more are possible.

@@ -101,6 +101,14 @@ impl Waiter {
         true
     }
 
+    /// It waits for another one, which runs on its time: for those that would wait for it from there. Who waits beyond that
+    /// begins to.
+    pub fn note(&self, other: &Self) {
+        if self.number != 0 && self.tasks.load(Ordering::Relaxed) == 0 {
+            WAITS[self.number as usize].store(other.number, Ordering::Relaxed);
+        }
+    }
+
     /// It does not wait any more.
     pub fn end(&self) {
         WAITS[self.number as usize].store(0, Ordering::Release);

@@ -18,6 +18,7 @@ use crate::exec::checkpoint::Checkpoint;
 use crate::exec::emergency::{self, Actuator};
 use crate::exec::executor::{Executor, Stuck};
 use crate::exec::keep::Keep;
+use crate::exec::lane::Lane;
 use crate::exec::member::{Member, Standby};
 use crate::exec::silence;
 use crate::exec::slot::{Slot, Status};
@@ -200,6 +201,9 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
     slot.outputs.iter().for_each(|port| port.outlet().listen(Arc::clone(&signal)));
     slot.providers.iter().for_each(|port| port.listen(Arc::clone(&signal)));
     turns::share(&slot.providers);
+    let lane = (!slot.providers.is_empty()).then(|| Lane::new(Arc::clone(&signal)));
+    let lanes = lane.iter().flat_map(|lane| slot.providers.iter().map(move |port| (port, lane)));
+    lanes.for_each(|(port, lane)| port.use_lane(Arc::clone(lane) as _));
     slot.events.listen(&signal);
     let shelf = workshop.shelf(&slot, recipes, plan.rules.ready_spares(), plan.rules.severity.clone());
     let watched = silence::watched(&slot.inputs);
@@ -227,6 +231,7 @@ pub fn member(blueprint: Blueprint<'_>, bell: &Arc<Bell>, workshop: &Workshop) -
         breath: None,
         coverage: plan.rules.coverage,
         chain: None,
+        lane,
         stopped_us: 0,
     }
 }

@@ -54,7 +54,7 @@ impl Bell {
 
     /// Waits for a wake-up or the deadline; returns at once while somebody is to be looked at.
     pub fn wait_until(&self, deadline_ns: Option<u64>) {
-        if self.near.is_empty() && self.far.is_empty() {
+        if self.is_silent() {
             self.lookout.wait_until(&self.waker, deadline_ns);
         }
     }
@@ -69,6 +69,12 @@ impl Bell {
         }
         self.was_far.store(false, Ordering::Relaxed);
         self.near.pop()
+    }
+
+    /// True where nobody is to be looked at. On the executor's thread.
+    #[inline]
+    fn is_silent(&self) -> bool {
+        self.near.is_empty() && self.far.is_empty()
     }
 
     /// True on the executor's thread, in a callback or between two: not in a signal handler that interrupts it.
@@ -252,6 +258,14 @@ impl Signal {
             _ => self.far.swap(0, Ordering::AcqRel),
         };
         Rings(near | far)
+    }
+
+    /// The member's number, on its executor's thread, as long as nobody at all is to be looked at there.
+    #[must_use]
+    #[inline]
+    pub fn alone_here(&self) -> Option<usize> {
+        let is_alone = self.bell.is_here() && self.bell.is_silent();
+        is_alone.then(|| self.member.load(Ordering::Relaxed))
     }
 
     /// The member's tasks.

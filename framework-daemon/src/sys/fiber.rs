@@ -14,11 +14,11 @@ use std::sync::Arc;
 use corosensei::stack::Stack;
 use corosensei::{Coroutine, CoroutineResult};
 
-use super::arch;
 use super::carrier::Lease;
 use super::shield;
 use super::stack::{self, OwnStack};
 use super::trap::{self, Armed, Trap};
+use super::{arch, clock};
 
 /// A deadline that is never over.
 pub const NEVER: u64 = u64::MAX;
@@ -92,6 +92,18 @@ pub struct NotHere;
 pub fn park(until_ns: u64) -> Result<(), NotHere> {
     trap::begin_wait(until_ns).ok_or(NotHere)?.suspend(());
     Ok(())
+}
+
+/// The callback that runs on another fiber of this thread, and may wait: another one can be entered from within it, on a fiber of
+/// its own. A trap ends the inner one only, and whoever entered it goes on.
+pub struct Outer(&'static Armed);
+
+impl Outer {
+    /// The one that calls this; `None`: it may not wait, or there is none.
+    #[must_use]
+    pub fn here() -> Option<Self> {
+        trap::patient().map(Self)
+    }
 }
 
 impl<E: Errand> Fiber<E> {
@@ -174,6 +186,38 @@ impl<E: Errand> Fiber<E> {
         self.go_on(deadline_ns, may_wait);
     }
 
+    /// Runs `errand` from within a callback on another fiber, whose time stands still meanwhile, until it returns, traps or
+    /// waits, within that many nanoseconds; returns how long that took, to a tick. Otherwise as [`Self::run`].
+    ///
+    /// # Panics
+    /// As [`Self::run`].
+    pub fn begin_within(&mut self, outer: &Outer, limit_ns: u64, errand: Box<E>) -> u64 {
+        let began_ns = clock::recent_ns();
+        let left_ns = outer.0.left_ns(began_ns);
+        self.begin((began_ns + clock::TICK_NS).saturating_add(limit_ns), true, errand);
+        let ended_ns = clock::recent_ns();
+        outer.0.run_on(ended_ns.saturating_add(left_ns));
+        ended_ns.saturating_sub(began_ns)
+    }
+
+    /// Gives an errand back that was taken too early.
+    pub fn return_errand(&mut self, errand: Box<E>) {
+        // SAFETY: the fiber is idle or spent: it does not touch it.
+        unsafe { *self.core.errand.get() = Some(errand) };
+    }
+
+    /// True where it returned and did not trap.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        self.state == State::Idle
+    }
+
+    /// Bytes of its stack that were asked for.
+    #[must_use]
+    pub const fn stack_bytes(&self) -> usize {
+        self.stack_bytes
+    }
+
     /// Goes on with an errand that waits; where it may not wait any more, it comes to its end. Otherwise as
     /// [`Self::run`].
     #[inline(never)]
@@ -196,7 +240,7 @@ impl<E: Errand> Fiber<E> {
     }
 
     /// The errand that it ran last, unless it waits.
-    pub(super) fn take_errand(&mut self) -> Option<Box<E>> {
+    pub fn take_errand(&mut self) -> Option<Box<E>> {
         if matches!(self.state, State::Waiting(_)) {
             return None;
         }

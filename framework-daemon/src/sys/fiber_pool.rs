@@ -102,6 +102,25 @@ impl<E: Errand> FiberPool<E> {
         self.spent.extend(self.waiting.get_mut(ticket.0).and_then(Option::take));
     }
 
+    /// Gives out an idle fiber with a stack of that size, for errands that are begun from within others.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn lend(&mut self, stack_bytes: usize) -> std::io::Result<Box<Fiber<E>>> {
+        let fiber = stocked(&mut self.idle, stack_bytes, &self.lease)?.pop();
+        fiber.ok_or_else(|| std::io::ErrorKind::OutOfMemory.into())
+    }
+
+    /// Takes a fiber back that was lent and has run an errand.
+    pub fn take_back(&mut self, fiber: Box<Fiber<E>>) -> Option<Progress<E>> {
+        self.sort(fiber)
+    }
+
+    /// Takes a fiber back that was lent and is idle.
+    pub fn take_back_idle(&mut self, fiber: Box<Fiber<E>>) {
+        shelf(&mut self.idle, fiber.stack_bytes).push(fiber);
+    }
+
     /// Puts a fiber that ran an errand to where it belongs now.
     fn sort(&mut self, mut fiber: Box<Fiber<E>>) -> Option<Progress<E>> {
         if let State::Waiting(until_ns) = fiber.state {

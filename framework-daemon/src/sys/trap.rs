@@ -166,6 +166,20 @@ impl Armed {
         self.pulse.end();
     }
 
+    /// What is left of its time.
+    #[inline]
+    pub(super) fn left_ns(&self, now_ns: u64) -> u64 {
+        self.pulse.deadline_ns().map_or(0, |deadline_ns| deadline_ns.saturating_sub(now_ns))
+    }
+
+    /// It runs on, after another one that ran from within it, and must return until then. Never inlined: the thread may
+    /// be another one than before.
+    #[inline(never)]
+    pub(super) fn run_on(&self, deadline_ns: u64) {
+        ARMED.set(self);
+        self.pulse.begin(deadline_ns);
+    }
+
     /// The fiber runs for the first time: this is where it suspends itself.
     pub(super) fn settle_in(&self, yielder: &Yielder<(), ()>) {
         self.wait.yielder.set(yielder);
@@ -313,18 +327,24 @@ pub fn rearm(deadline_ns: u64, may_wait: bool) {
 /// The code on this thread's fiber is about to wait: where it suspends itself; `None`: it may not, or there is no fiber.
 #[inline(never)]
 pub(super) fn begin_wait(until_ns: u64) -> Option<&'static Yielder<(), ()>> {
-    let here = (&raw const until_ns).addr();
+    let armed = patient()?;
+    armed.wait.until_ns.set(until_ns.max(1));
+    // SAFETY: on the stack of the fiber that runs here, which lives as long as the code that asks.
+    unsafe { armed.wait.yielder.get().as_ref() }
+}
+
+/// The fiber of this thread, where the code on it may wait.
+#[inline(never)]
+pub(super) fn patient() -> Option<&'static Armed> {
+    let here = 0_u8;
     let waits = |armed: &&Armed| {
         armed.wait.allowed.get()
             && armed.pulse.is_beating()
             // No thread that only shares the thread-locals has its stack there.
-            && armed.handler.stack_ptr_in_bounds(here)
+            && armed.handler.stack_ptr_in_bounds((&raw const here).addr())
             && !handlers::is_here()
     };
-    let armed = armed().filter(waits)?;
-    armed.wait.until_ns.set(until_ns.max(1));
-    // SAFETY: on the stack of the fiber that runs here, which lives as long as the code that asks.
-    unsafe { armed.wait.yielder.get().as_ref() }
+    armed().filter(waits)
 }
 
 fn armed() -> Option<&'static Armed> {

@@ -151,6 +151,12 @@ impl Call {
         self.set_server(generation, ServerState::None, 0);
     }
 
+    /// Client: it was not sent after all; nobody else has it.
+    pub(super) fn take_back(&self, generation: u32) {
+        self.unsend(generation);
+        self.set_client(generation, ClientState::Loan);
+    }
+
     /// Client: how far the server is with that use.
     pub(super) fn look(&self, generation: u32) -> Look {
         let server = self.server();
@@ -175,8 +181,13 @@ impl Call {
     }
 
     /// Server: out of the queue, in hand.
-    fn take(&self, generation: u32) {
+    pub(super) fn take(&self, generation: u32) {
         self.set_server(generation, ServerState::Taken, 0);
+    }
+
+    /// Server: done with the use that the client is at.
+    pub(super) fn finish(&self, code: u32) {
+        self.end(self.client().generation(), code);
     }
 
     /// Server: done with it; afterwards it is not to be touched.

@@ -17,6 +17,9 @@ pub mod bundle;
 
 mod call;
 
+/// Questions that are answered at once.
+pub mod direct;
+
 /// What goes over a connection.
 pub mod objects;
 

@@ -8,7 +8,8 @@ use component_sdk::abi::calls::{Lent, ServeArgs, ServeKind};
 use component_sdk::abi::payload::PortHandle;
 use component_sdk::status::Status;
 
-use super::call::Ticket;
+use super::call::{Client, Ticket};
+use super::direct::{Direct, Lane, Served};
 use super::objects::Objects;
 use super::turns::Turns;
 use crate::model::limits::INBOX_MAX;
@@ -113,6 +114,7 @@ pub struct Provider {
     /// Where its slot has others: the order in which they are asked, and its place in their list.
     turns: OnceLock<(Arc<Turns>, usize)>,
     refused: AtomicU64,
+    direct: Direct,
 }
 
 impl Provider {
@@ -137,6 +139,7 @@ impl Provider {
             signal: OnceLock::new(),
             turns: OnceLock::new(),
             refused: AtomicU64::new(0),
+            direct: Direct::default(),
         }
     }
 
@@ -167,6 +170,13 @@ impl Provider {
     /// Says who is rung when a call comes in; once.
     pub fn listen(&self, signal: Arc<Signal>) {
         let _ = self.signal.set(signal);
+    }
+
+    /// Says how its handler is entered from where a client asks; once.
+    pub fn use_lane(&self, lane: Arc<dyn Lane>) {
+        if self.has_handler {
+            self.direct.use_lane(lane);
+        }
     }
 
     /// From now on the instance with this handle answers.
@@ -224,6 +234,36 @@ impl Provider {
     #[must_use]
     pub fn waits(&self) -> bool {
         self.has_handler && self.has_calls()
+    }
+
+    /// True where the next call can be answered from where it is asked: none is before it.
+    #[inline]
+    pub(super) fn is_open_at_once(&self) -> bool {
+        let is_idle = |lane: &&dyn Lane| {
+            self.openness() == Openness::Serving
+                && self.inbox.is_empty()
+                && self.again.load(Ordering::Relaxed) == 0
+                && self.has_room()
+                && lane.is_open()
+        };
+        self.direct.lane().filter(is_idle).is_some()
+    }
+
+    /// Enters the handler for a call from where it is asked. One that is not answered then is in hand.
+    pub(super) fn serve_at_once(&self, client: &Arc<Client>, index: u32, generation: u32) -> Served {
+        let (Some(lane), Some(place)) = (self.direct.lane(), self.free_place()) else { return Served::Not };
+        let call = &client.calls()[index as usize];
+        call.take(generation);
+        let id = self.number(place);
+        let args = self.args(id, call.request.value());
+        let (served, is_open) = self.direct.hold(id, client, call, || lane.serve(args));
+        if is_open && served != Served::Not {
+            let held = &self.held[place];
+            held.put(id, Ticket::new(client, index, generation));
+            held.is_lent.store(self.direct.is_lent(), Ordering::Relaxed);
+            self.in_hand.fetch_add(1, Ordering::Relaxed);
+        }
+        served
     }
 
     fn has_calls(&self) -> bool {
@@ -289,7 +329,7 @@ impl Provider {
 
     fn free_place(&self) -> Option<usize> {
         let from = self.cursor.load(Ordering::Relaxed);
-        let order = (0..self.held.len()).map(|step| (from + step) % self.held.len());
+        let order = (from..self.held.len()).chain(0..from);
         // A place whose number is 0 but whose ticket waits for a successor is not free.
         let index = order.into_iter().find(|index| {
             let held = &self.held[*index];
@@ -313,6 +353,9 @@ impl Provider {
 
     /// The request of a call in hand.
     pub fn opened(&self, id: u64) -> Lent {
+        if let Some(value) = self.direct.opened(id) {
+            return Lent { value, id, status: 0, initialised: true };
+        }
         self.lend(id, |held, ticket| {
             let _ = held;
             (ticket.call().request.value(), true)
@@ -321,6 +364,9 @@ impl Provider {
 
     /// Lends the block for the answer of a call in hand.
     pub fn answer_loan(&self, id: u64) -> Lent {
+        if let Some((value, initialised)) = self.direct.answer_loan(id) {
+            return Lent { value, id, status: 0, initialised };
+        }
         self.lend(id, |held, ticket| {
             let block = &ticket.call().answer;
             // A block on loan counts as empty: what a trap leaves in it is half an object.
@@ -344,6 +390,9 @@ impl Provider {
     /// # Errors
     /// `WrongId`; `NotAllowed`: nothing is on loan; `Disconnected`: the client has left.
     pub fn answer(&self, id: u64) -> Result<(), Status> {
+        if let Some(finished) = self.direct.finish(id, 0) {
+            return finished;
+        }
         let held = self.held(id)?;
         if !held.is_lent.load(Ordering::Relaxed) {
             return Err(Status::NotAllowed);
@@ -356,6 +405,9 @@ impl Provider {
     /// # Errors
     /// `WrongId`; `Disconnected`: the client has left.
     pub fn refuse(&self, id: u64, status: Status) -> Result<(), Status> {
+        if let Some(finished) = self.direct.finish(id, status.code()) {
+            return finished;
+        }
         let held = self.held(id)?;
         self.finish(held, status.code())
     }

@@ -10,6 +10,7 @@ use component_sdk::abi::calls::{Lent, Wait, Whose};
 use component_sdk::status::Status;
 
 use super::call::{Call, Client, ClientState, Look, Ticket};
+use super::direct::Served;
 use super::objects::Objects;
 use super::provider::Provider;
 use crate::model::limits::PENDING_MAX;
@@ -158,8 +159,7 @@ impl Requestor {
     pub fn loan(&self) -> Lent {
         let calls = self.client.calls();
         let from = self.cursor.load(Ordering::Relaxed);
-        for step in 0..calls.len() {
-            let index = (from + step) % calls.len();
+        for index in (from..calls.len()).chain(0..from) {
             let call = &calls[index];
             let Some(generation) = call.begin() else { continue };
             self.cursor.store(index, Ordering::Relaxed);
@@ -220,8 +220,15 @@ impl Requestor {
 
     /// Sends the request on loan and waits for the answer; whatever comes instead ends the call.
     pub fn ask(&self, id: u64, wait: Wait, place: &impl Place) -> Lent {
-        if let Err(status) = self.send(id) {
-            return Lent::refused(status);
+        match self.ask_at_once(id, wait) {
+            Served::Not => {
+                if let Err(status) = self.send(id) {
+                    return Lent::refused(status);
+                }
+            }
+            Served::Done => {}
+            // The executor sees to the server, then this goes on.
+            Served::Aside => _ = place.park(place.now_ns()),
         }
         let lent = self.receive(id, wait, place);
         if lent.status != 0
@@ -230,6 +237,28 @@ impl Requestor {
             self.give_up(call, generation);
         }
         lent
+    }
+
+    /// Has the server's handler entered from here, where it is at rest and shares this executor.
+    fn ask_at_once(&self, id: u64, wait: Wait) -> Served {
+        let is_open = |provider: &&Provider| {
+            wait != Wait::NONE && provider.is_open_at_once() && self.gate.lets_wait(self.gate.closings())
+        };
+        let epoch = self.client.epoch();
+        let Some(provider) = self.provider().filter(is_open) else { return Served::Not };
+        let Ok((call, generation, index)) = self.call(id, ClientState::Loan) else { return Served::Not };
+        call.request.fill(0);
+        call.send(generation, epoch, self.retry.load(Ordering::Relaxed));
+        self.waiter.note(&provider.waiter);
+        let served = provider.serve_at_once(&self.client, index, generation);
+        self.waiter.end();
+        if served == Served::Not {
+            call.take_back(generation);
+        } else {
+            // One callback, or one task, has the port: nobody else counts meanwhile.
+            self.asked.store(self.asked.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
+        }
+        served
     }
 
     /// Lends the answer, waits for it if asked to.

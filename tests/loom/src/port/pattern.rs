@@ -3,6 +3,10 @@
 #[path = "../../../../framework-daemon/src/port/pattern/call.rs"]
 mod call;
 
+/// Questions that are answered at once.
+#[path = "../../../../framework-daemon/src/port/pattern/direct.rs"]
+pub mod direct;
+
 /// What goes over a connection.
 #[path = "../../../../framework-daemon/src/port/pattern/objects.rs"]
 pub mod objects;

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use component_sdk::prelude::*;
 
+pub mod asked;
 pub mod brake;
 
 /// Fails in one of its callbacks, once in a process, or each time.
@@ -330,4 +331,16 @@ impl Callbacks for Auditor {
     }
 }
 
-export_components!(brake::Brake, brake::Witness, Doomed, Stillborn, Heir, Keeper, Forger, Auditor, Stuck);
+export_components!(
+    asked::Fragile,
+    asked::Prober,
+    brake::Brake,
+    brake::Witness,
+    Doomed,
+    Stillborn,
+    Heir,
+    Keeper,
+    Forger,
+    Auditor,
+    Stuck
+);

@@ -1,0 +1,248 @@
+//! The way into a member's handlers from within the callback of another member of the same executor, for questions that are
+//! answered at once ([`crate::port::pattern::direct`]).
+//!
+//! A lane has a fiber of its own, so that a handler which traps or hangs is ended as any other: whoever asked goes on. While
+//! a handler runs, the time of the callback that asked stands still. What a handler leaves behind, other than its answer, the
+//! executor sees to: the callback that asked waits, and the member takes up what happened in its lane as if it had
+//! entered the handler itself ([`super::member::Member::take_up_aside`]).
+//!
+//! An executor that enters the handler itself after the callback waits was the alternative: it takes three times as long.
+#![allow(unsafe_code, reason = "address of unsafe: what the executor's thread only touches, behind a shared reference")]
+
+use std::cell::UnsafeCell;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
+
+use component_sdk::abi::calls::ServeArgs;
+
+use super::callback::Fibers;
+use super::strand::{Frame, Strand};
+use super::unit::Unit;
+use crate::model::limits::TURNS_AT_ONCE;
+use crate::port::pattern::direct::{self, Served};
+use crate::sys::bell::Signal;
+use crate::sys::fiber::{Fiber, Outer};
+use crate::sys::seat::{self, Owner};
+
+/// What an executor and the lanes of its members tell each other. Written by its thread only; atomic, because lanes are shared.
+#[derive(Debug, Default)]
+pub struct Aside {
+    /// The member whose callback may ask others at once, and one more; 0: none.
+    entered: AtomicUsize,
+    /// How often it did.
+    turns: AtomicU32,
+    /// How long others ran on its time, in nanoseconds.
+    away_ns: AtomicU64,
+    /// Lanes that the executor has to look at, counted.
+    news: AtomicU32,
+}
+
+impl Aside {
+    /// The callback of that member is entered: it may ask others at once.
+    #[inline]
+    pub(super) fn enter(&self, member: usize) {
+        self.entered.store(member + 1, Ordering::Relaxed);
+        self.turns.store(0, Ordering::Relaxed);
+    }
+
+    /// No callback is, or it may not ask.
+    #[inline]
+    pub(super) fn leave(&self) {
+        self.entered.store(0, Ordering::Relaxed);
+    }
+
+    /// How long others ran on the time of the callback, since this was asked last.
+    #[inline]
+    pub(super) fn take_away_ns(&self) -> u64 {
+        let away_ns = self.away_ns.load(Ordering::Relaxed);
+        if away_ns != 0 {
+            self.away_ns.store(0, Ordering::Relaxed);
+        }
+        away_ns
+    }
+
+    /// True while lanes are to be looked at: what callbacks left to be asked about is of those that ran there.
+    #[inline]
+    pub(super) fn has_news(&self) -> bool {
+        self.news.load(Ordering::Relaxed) != 0
+    }
+
+    /// All lanes are looked at now.
+    pub(super) fn take_news(&self) -> bool {
+        let news = self.news.load(Ordering::Relaxed);
+        self.news.store(0, Ordering::Relaxed);
+        news != 0
+    }
+
+    /// True where that member may be asked: by another one, which has not asked so often that it is others' turn.
+    #[inline]
+    fn lets(&self, member: usize) -> bool {
+        let entered = self.entered.load(Ordering::Relaxed);
+        entered != 0 && entered != member + 1 && self.turns.load(Ordering::Relaxed) < TURNS_AT_ONCE
+    }
+
+    fn count(&self, away_ns: u64) {
+        self.turns.store(self.turns.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
+        self.away_ns.store(self.away_ns.load(Ordering::Relaxed) + away_ns, Ordering::Relaxed);
+    }
+
+    /// One lane more is to be looked at; returns which one it is: those within others come first.
+    fn add_news(&self) -> u32 {
+        let news = self.news.load(Ordering::Relaxed) + 1;
+        self.news.store(news, Ordering::Relaxed);
+        news
+    }
+}
+
+/// A member's lane.
+pub struct Lane {
+    signal: Arc<Signal>,
+    /// The member is at rest.
+    is_open: AtomicBool,
+    room: UnsafeCell<Room>,
+}
+
+// SAFETY: the room is touched by the thread of the member's executor only: `serve` and `is_open` ask for it first, and all
+// others need the member or the executor's fibers, which only that thread has. What is in it may move with its executor.
+unsafe impl Send for Lane {}
+// SAFETY: as above.
+unsafe impl Sync for Lane {}
+
+#[derive(Default)]
+struct Room {
+    aside: Arc<Aside>,
+    owner: Option<Owner>,
+    hang_ns: u64,
+    fiber: Option<Box<Fiber<Frame>>>,
+    frame: Option<Box<Frame>>,
+    /// What ran there is to be looked at, in that order; 0: nothing.
+    news: u32,
+}
+
+impl Lane {
+    /// Of the member that is rung by that signal; closed.
+    #[must_use]
+    pub fn new(signal: Arc<Signal>) -> Arc<Self> {
+        Arc::new(Self { signal, is_open: AtomicBool::new(false), room: UnsafeCell::default() })
+    }
+
+    /// # Safety
+    /// On the thread of the member's executor only, and not while what was returned before is still used.
+    #[allow(clippy::mut_from_ref, reason = "one thread only, one use at a time: the caller's promise")]
+    unsafe fn room(&self) -> &mut Room {
+        // SAFETY: the caller's promise.
+        unsafe { &mut *self.room.get() }
+    }
+
+    /// From now on handlers of that instance are entered here, while its member is at rest.
+    pub(super) fn open(&self, unit: &Unit, aside: &Arc<Aside>, fibers: &mut Fibers) {
+        // SAFETY: with the executor's fibers at hand this is its thread, and nobody is in the lane: only callbacks enter it.
+        let room = unsafe { self.room() };
+        if room.owner != Some(unit.owner) {
+            if !room.furnish(unit, fibers) {
+                return self.close();
+            }
+            room.aside = Arc::clone(aside);
+        }
+        let is_whole = room.news == 0 && room.fiber.is_some() && room.frame.is_some();
+        self.is_open.store(is_whole, Ordering::Relaxed);
+    }
+
+    /// Nobody enters it.
+    #[inline]
+    pub(super) fn close(&self) {
+        self.is_open.store(false, Ordering::Relaxed);
+    }
+
+    /// What ran there is to be looked at; those with smaller numbers come first.
+    pub(super) fn news(&self) -> Option<u32> {
+        // SAFETY: asked by the member's executor, while no callback runs.
+        Some(unsafe { self.room() }.news).filter(|news| *news != 0)
+    }
+
+    /// Takes out the fiber that ran there, or waits; the frame that the strand has no use for stays.
+    pub(super) fn take_out(&self, strand: &mut Strand) -> Option<Box<Fiber<Frame>>> {
+        // SAFETY: as of `news`.
+        let room = unsafe { self.room() };
+        room.news = 0;
+        // Furnished anew before it is opened again.
+        room.owner = None;
+        room.frame = strand.spare_frame();
+        room.fiber.take()
+    }
+
+    /// The member leaves: its fiber goes back.
+    pub(super) fn clear(&self, fibers: &mut Fibers) {
+        self.close();
+        // SAFETY: as of `open`.
+        let room = unsafe { self.room() };
+        room.owner = None;
+        room.fiber.take().into_iter().for_each(|fiber| fibers.take_back_idle(fiber));
+    }
+}
+
+impl Room {
+    /// A fiber of the right size and a frame for that instance; false: there is no room for a stack.
+    fn furnish(&mut self, unit: &Unit, fibers: &mut Fibers) -> bool {
+        let stack_bytes = unit.limits.stack_bytes;
+        if let Some(fiber) = self.fiber.take_if(|fiber| fiber.stack_bytes() != stack_bytes) {
+            fibers.take_back_idle(fiber);
+        }
+        if self.fiber.is_none() {
+            self.fiber = fibers.lend(stack_bytes).ok();
+        }
+        let entry = unit.instance.entry();
+        match &mut self.frame {
+            Some(frame) => frame.serve_for(entry, unit.limits),
+            None => self.frame = Some(Box::new(Frame::serving(entry, unit.limits))),
+        }
+        (self.owner, self.hang_ns) = (Some(unit.owner), unit.limits.hang_ns);
+        self.fiber.is_some()
+    }
+
+    /// True where the handler that was entered there returned, and left nothing to be asked about.
+    fn is_clean(&mut self) -> bool {
+        let Some(fiber) = self.fiber.as_mut().filter(|fiber| fiber.is_idle()) else { return false };
+        let Some(frame) = fiber.take_errand() else { return false };
+        if frame.is_done() && !seat::has_notes() {
+            self.frame = Some(frame);
+            return true;
+        }
+        fiber.return_errand(frame);
+        false
+    }
+}
+
+impl direct::Lane for Lane {
+    #[inline]
+    fn is_open(&self) -> bool {
+        let lets = |member: usize| {
+            // SAFETY: the signal says that this is the executor's thread; an open lane is used by nobody.
+            self.is_open.load(Ordering::Relaxed) && unsafe { self.room() }.aside.lets(member)
+        };
+        self.signal.alone_here().is_some_and(lets) && !seat::has_notes()
+    }
+
+    /// Called where it is open.
+    fn serve(&self, args: ServeArgs) -> Served {
+        let Some(outer) = Outer::here() else { return Served::Not };
+        // SAFETY: asked where it is open, on the executor's thread. Whatever the handler asks for, this lane is closed meanwhile.
+        let room = unsafe { self.room() };
+        let (Some(owner), Some(fiber), Some(mut frame)) = (&room.owner, &mut room.fiber, room.frame.take()) else {
+            return Served::Not;
+        };
+        self.close();
+        frame.take_up(args);
+        let client = seat::owner();
+        seat::enter(owner);
+        let away_ns = fiber.begin_within(&outer, room.hang_ns, frame);
+        seat::enter(&client);
+        room.aside.count(away_ns);
+        if room.is_clean() {
+            self.is_open.store(true, Ordering::Relaxed);
+            return Served::Done;
+        }
+        room.news = room.aside.add_news();
+        Served::Aside
+    }
+}

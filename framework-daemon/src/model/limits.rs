@@ -211,9 +211,11 @@ pub const QUARANTINED_MAX: u64 = 1_000_000;
 pub const ARENAS: i32 = 65_536;
 /// Threads that wait to take an executor over, for each schedule in use.
 pub const RESERVE_THREADS: usize = 2;
-/// How long an executor looks out for a ring before it sleeps, where its waits were that short lately: about what it takes two
-/// threads to fall asleep and to be woken.
-pub const LOOK_OUT: Duration = Duration::from_micros(10);
+/// How long an executor looks out for a ring at least before it sleeps, where its waits were that short lately: about what it
+/// takes two threads to fall asleep and to be woken on a machine of their own.
+pub const LOOK_OUT_LEAST: Duration = Duration::from_micros(10);
+/// The same at most, where it takes longer to be woken.
+pub const LOOK_OUT_MOST: Duration = Duration::from_micros(50);
 /// Longest time of a callback without a `<deadline>`: beyond it a hang.
 pub const HANG: Duration = Duration::from_secs(1);
 /// How many deadlines a callback may take before it hangs, where the profile does not say.

@@ -70,18 +70,25 @@ pub struct InPort {
     reader: Reader,
     /// Where silence is a fault.
     hearing: Option<Box<Hearing>>,
+    // Held while the port is wired: nothing of a plugin is touched meanwhile.
+    sources: Mutex<Vec<Source>>,
+    listener: OnceLock<Box<dyn Listener>>,
+    taken: Taken,
+    passed_over: AtomicU64,
+    dropped: AtomicU64,
+}
+
+/// What its reader writes to. On lines of its own: a writer on another processor would wait for whatever shares them.
+#[derive(Default)]
+#[repr(align(64))]
+struct Taken {
     /// What a callback looks at.
     current: Newest,
     // What a thread of the component looks at. Taken for a few instructions; writers never touch it. Nothing is dropped under
     // it: the last holder of an object frees the memory of a plugin.
     aside: Mutex<Option<Sample>>,
-    // Held while the port is wired: nothing of a plugin is touched meanwhile.
-    sources: Mutex<Vec<Source>>,
-    listener: OnceLock<Box<dyn Listener>>,
     /// Counted by the reader, so that a writer counts only what is never read.
-    taken: AtomicU64,
-    passed_over: AtomicU64,
-    dropped: AtomicU64,
+    count: AtomicU64,
 }
 
 impl InPort {
@@ -99,11 +106,9 @@ impl InPort {
             arrived,
             reader: Reader::All,
             hearing: None,
-            current: Newest::default(),
-            aside: Mutex::new(None),
             sources: Mutex::default(),
             listener: OnceLock::new(),
-            taken: AtomicU64::new(0),
+            taken: Taken::default(),
             passed_over: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
         }
@@ -240,7 +245,7 @@ impl InPort {
     #[must_use]
     pub fn counts(&self) -> (u64, u64) {
         let [taken, passed_over, dropped] =
-            [&self.taken, &self.passed_over, &self.dropped].map(|count| count.load(Ordering::Relaxed));
+            [&self.taken.count, &self.passed_over, &self.dropped].map(|count| count.load(Ordering::Relaxed));
         let unhandled = self.subscriber().map_or(0, Subscriber::lost);
         (taken + passed_over + dropped + self.queued() as u64, dropped + unhandled)
     }
@@ -372,8 +377,8 @@ impl InPort {
     /// What its reader looks at is of an earlier subscription.
     fn forget_shown(&self, borrower: Borrower) {
         let before = match borrower {
-            Borrower::Callback => self.current.take(),
-            Borrower::Task | Borrower::Other => self.aside.lock().unwrap_or_else(PoisonError::into_inner).take(),
+            Borrower::Callback => self.taken.current.take(),
+            Borrower::Task | Borrower::Other => self.taken.aside.lock().unwrap_or_else(PoisonError::into_inner).take(),
         };
         drop(before);
     }
@@ -418,7 +423,7 @@ impl InPort {
         };
         if next.is_some() {
             // Not one operation: a count that two readers disturb is less than what each read would take.
-            self.taken.store(self.taken.load(Ordering::Relaxed) + count, Ordering::Relaxed);
+            self.taken.count.store(self.taken.count.load(Ordering::Relaxed) + count, Ordering::Relaxed);
         }
         next
     }
@@ -429,15 +434,15 @@ impl InPort {
         if let Some(sample) = next {
             let result = shown(&sample);
             // SAFETY: only callbacks of the slot come here, one thread at a time, and no signal handler that interrupts them.
-            drop(unsafe { self.current.put_alone(sample) });
+            drop(unsafe { self.taken.current.put_alone(sample) });
             return result;
         }
         // SAFETY: as above.
-        unsafe { self.current.look() }.map_or(ReadResult::NONE, shown)
+        unsafe { self.taken.current.look() }.map_or(ReadResult::NONE, shown)
     }
 
     fn look_aside(&self, next: Option<Sample>) -> ReadResult {
-        let mut aside = self.aside.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut aside = self.taken.aside.lock().unwrap_or_else(PoisonError::into_inner);
         let before = next.and_then(|sample| aside.replace(sample));
         let result = aside.as_deref().map_or(ReadResult::NONE, shown);
         drop(aside);

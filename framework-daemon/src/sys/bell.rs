@@ -49,7 +49,7 @@ impl Bell {
 
     /// Wakes the executor.
     pub fn wake(&self) {
-        self.waker.wake();
+        self.lookout.wake(&self.waker);
     }
 
     /// Waits for a wake-up or the deadline; returns at once while somebody is to be looked at.
@@ -84,24 +84,66 @@ impl Bell {
     }
 }
 
-/// Executors that are to be woken when all is done that several rings are for: once each, not once a ring, and not before, or
-/// their threads would take from this one, line by line, what it is still writing to.
+/// What is to be told to other executors when all is done that several rings are for: each is woken once, not once a ring, and
+/// none before, or their threads would take from this one, line by line, what it is still writing to.
 #[derive(Default)]
-pub struct Wakes<'a>(Option<&'a Bell>);
+pub struct Wakes<'a> {
+    bell: Option<&'a Bell>,
+    /// Where there are many rings: those that are still to be rung.
+    batch: Option<Batch<'a>>,
+}
+
+/// Rings for so many members at a time.
+const BATCH: usize = 32;
+
+#[derive(Default)]
+struct Batch<'a> {
+    rings: [Option<(&'a Signal, Rings)>; BATCH],
+    count: usize,
+}
 
 impl<'a> Wakes<'a> {
-    fn add(&mut self, bell: &'a Bell) {
-        if let Some(before) = self.0.replace(bell)
+    /// Of many rings.
+    #[must_use]
+    pub fn of_many() -> Self {
+        Self { batch: Some(Batch::default()), ..Self::default() }
+    }
+
+    /// Rings for a member of another executor, now or with the others.
+    #[inline]
+    fn ring(&mut self, signal: &'a Signal, rings: Rings) {
+        let Some(batch) = &mut self.batch else { return self.ring_now(signal, rings) };
+        batch.rings[batch.count] = Some((signal, rings));
+        batch.count += 1;
+        if batch.count == BATCH {
+            self.ring_all();
+        }
+    }
+
+    fn ring_now(&mut self, signal: &'a Signal, rings: Rings) {
+        let bell = &*signal.bell;
+        if signal.ring_far(rings)
+            && let Some(before) = self.bell.replace(bell)
             && !std::ptr::eq(before, bell)
         {
             before.wake();
         }
     }
+
+    fn ring_all(&mut self) {
+        let Some(mut batch) = self.batch.take() else { return };
+        for (signal, rings) in batch.rings.iter_mut().take(batch.count).filter_map(Option::take) {
+            self.ring_now(signal, rings);
+        }
+        batch.count = 0;
+        self.batch = Some(batch);
+    }
 }
 
 impl Drop for Wakes<'_> {
     fn drop(&mut self) {
-        self.0.into_iter().for_each(Bell::wake);
+        self.ring_all();
+        self.bell.into_iter().for_each(Bell::wake);
     }
 }
 
@@ -223,7 +265,8 @@ impl Rings {
     }
 }
 
-/// Rings for one member; shared by its ports.
+/// Rings for one member; shared by its ports. On a line of its own: writers on other processors fetch it ahead.
+#[repr(align(64))]
 pub struct Signal {
     bell: Arc<Bell>,
     member: AtomicUsize,
@@ -298,11 +341,17 @@ impl Signal {
         if self.bell.is_here() && self.ring_near(member, rings) {
             return;
         }
-        if self.far.fetch_or(rings.0, Ordering::AcqRel) == 0 {
+        wakes.ring(self, rings);
+    }
+
+    /// True where its executor is to be woken.
+    fn ring_far(&self, rings: Rings) -> bool {
+        let is_new = self.far.fetch_or(rings.0, Ordering::AcqRel) == 0;
+        if is_new {
             // Each member is in the queue at most once, so that it cannot be full.
-            let _ = self.bell.far.push(member);
-            wakes.add(&self.bell);
+            let _ = self.bell.far.push(self.member.load(Ordering::Relaxed));
         }
+        is_new
     }
 
     /// Queued before it is said why: a callback that is ended in between leaves a look too many, not a member that is never

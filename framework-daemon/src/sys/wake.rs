@@ -30,6 +30,12 @@ impl Waker {
         self.0.load(Ordering::Relaxed) == WOKEN
     }
 
+    /// True while a thread waits.
+    #[must_use]
+    pub fn is_waited_for(&self) -> bool {
+        self.0.load(Ordering::Relaxed) == WAITING
+    }
+
     /// Waits until `deadline_ns` on the monotonic clock (for ever without one) or until woken.
     pub fn wait_until(&self, deadline_ns: Option<u64>) {
         if self.0.compare_exchange(IDLE, WAITING, Ordering::AcqRel, Ordering::Acquire).is_ok() {

@@ -16,7 +16,7 @@ pub(super) fn send(links: &[Link], sample: &Sample) -> Sent {
     if links.is_empty() {
         return Sent::Unconnected;
     }
-    let (mut wakes, mut sent) = (Wakes::default(), Sent::Ok);
+    let (mut wakes, mut sent) = (if links.len() > 1 { Wakes::of_many() } else { Wakes::default() }, Sent::Ok);
     for (place, link) in links.iter().enumerate() {
         // Many readers: what the next ones had on another processor is on its way while these are written to.
         if let Some(later) = links.get(place + FETCHED_AHEAD) {

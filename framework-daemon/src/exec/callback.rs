@@ -53,10 +53,14 @@ impl Call<'_> {
 }
 
 impl<'a> Call<'a> {
-    /// As it crosses the border. Where the time is not known exactly, the component asks for it if it wants to know.
+    /// As it crosses the border. Where the time is not known exactly, the component asks for it if it wants to know. What its
+    /// callback does not look at is not copied: what was written piece by piece just now is slow to be read as a whole.
     pub(super) const fn args(&self) -> CallArgs<'a> {
         let now_ns = if self.slack_ns == 0 { self.now_ns } else { 0 };
-        CallArgs { hook: self.hook, inject: self.inject, now_ns, fault: self.fault, serve: self.serve }
+        let is_told = matches!(self.hook, Hook::Error | Hook::Recover);
+        let fault = if is_told { self.fault } else { FaultArgs::NONE };
+        let serve = if matches!(self.hook, Hook::Serve) { self.serve } else { ServeArgs::NONE };
+        CallArgs { hook: self.hook, inject: self.inject, now_ns, fault, serve }
     }
 
     /// When it must have returned.
@@ -80,12 +84,10 @@ impl<'a> Call<'a> {
 pub fn enter(fibers: &mut Fibers, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
     let call = call.timed();
     let (args, deadline_ns) = (call.args(), call.deadline_ns(&unit.limits));
-    let instance = &mut unit.instance;
+    let Unit { instance, owner, limits, .. } = unit;
     let mut status = CallStatus::Done;
-    let owner = unit.owner;
     // One place from the innermost call to the outermost: a fault is large.
-    let mut result =
-        guarded(fibers, owner, unit.limits.stack_bytes, deadline_ns, &mut || status = instance.enter(&args));
+    let mut result = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || status = instance.enter(&args));
     if result.is_err() {
         unit.spent = true;
     } else if let Some(symptom) = crash::of_status(status) {
@@ -175,7 +177,7 @@ pub fn create(fibers: &mut Fibers, parts: Parts) -> Result<Box<Unit>, Fault> {
     let deadline_ns = clock::now_ns() + limits.of(Hook::Initialize);
     // Nothing that is made on the fiber may need to be dropped: a trap would leak it.
     let texts = parts.texts();
-    let ended = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || built = Some(parts.build(&texts)));
+    let ended = guarded(fibers, &owner, limits.stack_bytes, deadline_ns, &mut || built = Some(parts.build(&texts)));
     drop(texts);
     match (ended, built) {
         (Ok(()), Some(Ok(instance))) => Ok(parts.finish(instance)),
@@ -192,7 +194,7 @@ pub fn create(fibers: &mut Fibers, parts: Parts) -> Result<Box<Unit>, Fault> {
 pub fn touch(fibers: &mut Fibers, unit: &mut Unit, closure: &mut dyn FnMut()) -> Result<(), Fault> {
     let (owner, limits) = (unit.owner, unit.limits);
     let deadline_ns = clock::now_ns().saturating_add(limits.hang_ns);
-    let result = guarded(fibers, owner, limits.stack_bytes, deadline_ns, closure);
+    let result = guarded(fibers, &owner, limits.stack_bytes, deadline_ns, closure);
     unit.spent |= result.is_err();
     result
 }
@@ -221,7 +223,7 @@ fn drop_object(fibers: &mut Fibers, unit: &mut Unit) -> Option<Fault> {
     let (owner, limits) = (unit.owner, unit.limits);
     let deadline_ns = clock::now_ns() + limits.of(Hook::Destroy);
     let (instance, mut status) = (&mut unit.instance, CallStatus::Done);
-    let ended = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || status = instance.destroy());
+    let ended = guarded(fibers, &owner, limits.stack_bytes, deadline_ns, &mut || status = instance.destroy());
     unit.spent = ended.is_err();
     // A panic in a drop is over when the shim returns; the object is gone.
     let fault = ended.err().or_else(|| crash::of_status(status).map(|symptom| told(symptom, "")));
@@ -244,12 +246,12 @@ pub fn side_report() -> Option<Fault> {
 
 fn guarded(
     fibers: &mut Fibers,
-    owner: Owner,
+    owner: &Owner,
     stack_bytes: usize,
     deadline_ns: u64,
     closure: &mut dyn FnMut(),
 ) -> Result<(), Fault> {
-    take_seat(&owner);
+    take_seat(owner);
     match fibers.run(stack_bytes, deadline_ns, closure) {
         Ok(Ended::Returned) => Ok(()),
         Ok(Ended::Trapped) => Err(last_trap(fibers)),

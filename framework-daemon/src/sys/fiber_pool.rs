@@ -200,9 +200,16 @@ fn stocked<'a, E: Errand>(
 ) -> std::io::Result<&'a mut Shelf<E>> {
     let shelf = shelf(idle, stack_bytes);
     if shelf.is_empty() {
-        shelf.push(Box::new(Fiber::leased(stack_bytes, lease)?));
+        stock(shelf, stack_bytes, lease)?;
     }
     Ok(shelf)
+}
+
+#[cold]
+#[inline(never)]
+fn stock<E: Errand>(shelf: &mut Shelf<E>, stack_bytes: usize, lease: &Lease) -> std::io::Result<()> {
+    shelf.push(Box::new(Fiber::leased(stack_bytes, lease)?));
+    Ok(())
 }
 
 /// Touches as much of a stack as a first callback may need, so that it need not wait for pages.

@@ -47,11 +47,21 @@ impl Payload {
     }
 }
 
+/// What of a hop is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// From the write to the first instruction of the reader's callback.
+    First,
+    /// From one callback to the next: the write and the way, the read and the loan of what is written next.
+    Turn,
+}
+
 /// Nanoseconds a hop between two slots of one executor, as the mean of many, and an indirect call with a copy of 64 bytes.
 #[must_use]
-pub fn same(payload: Payload, sched: &str, run: Duration) -> (Samples, Samples) {
-    let leader = [("leads", "bool", "true"), ("batch", "int", BATCH), FILE];
-    let follower = [("batch", "int", BATCH)];
+pub fn same(payload: Payload, part: Part, sched: &str, run: Duration) -> (Samples, Samples) {
+    let first = ("first", "bool", if part == Part::First { "true" } else { "false" });
+    let leader = [("leads", "bool", "true"), ("batch", "int", BATCH), first, FILE];
+    let follower = [("batch", "int", BATCH), first];
     let mut slots = vec![on("one", "ping", payload.class(), &leader), on("one", "pong", payload.class(), &follower)];
     slots.extend((0..IDLE).map(|number| on("one", &format!("idle{number}"), "Idler", &[])));
     in_turns(run, || ring(sched, &slots), copies)

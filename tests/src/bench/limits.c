@@ -102,6 +102,15 @@ static int signal_of_watchdog(void)
     return SIGRTMIN + 7;
 }
 
+/* Keeps that thread on that processor, where there is one. */
+void limit_keep_on(int thread, int processor)
+{
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    CPU_SET(processor, &set);
+    sched_setaffinity(thread, sizeof set, &set);
+}
+
 /* Once, before anything else. */
 void limit_watch_prepare(void)
 {
@@ -166,10 +175,7 @@ static uint64_t hit_ns;
 
 static void stay_on(int processor)
 {
-    cpu_set_t set;
-    CPU_ZERO(&set);
-    CPU_SET(processor, &set);
-    sched_setaffinity(0, sizeof set, &set);
+    limit_keep_on(0, processor);
 }
 
 static void hit(uint32_t to)

@@ -10,6 +10,7 @@ mod c {
     unsafe extern "C" {
         pub(super) fn limit_trap(call: extern "C" fn()) -> u64;
         pub(super) fn limit_trap_and_write(fd: i32, bytes: *const u8, count: usize) -> u64;
+        pub(super) fn limit_keep_on(thread: i32, processor: i32);
         pub(super) fn limit_watch_prepare();
         pub(super) fn limit_watchdog();
         pub(super) fn limit_watch_end();
@@ -60,6 +61,19 @@ pub fn panic() -> u64 {
 #[inline(never)]
 fn provoke(code: u8) {
     assert!(black_box(code) != 1, "bare");
+}
+
+/// Keeps this process's threads of that name on that processor, where there is one; false: none has that name yet.
+#[must_use]
+pub fn keep_on(name: &str, processor: i32) -> bool {
+    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    let named = tasks.filter(|task| {
+        let comm = std::fs::read_to_string(task.path().join("comm"));
+        comm.is_ok_and(|comm| comm.trim_end() == name)
+    });
+    let threads = named.filter_map(|task| task.file_name().to_str()?.parse().ok());
+    // SAFETY: takes no memory of ours.
+    threads.map(|thread| unsafe { c::limit_keep_on(thread, processor) }).count() > 0
 }
 
 /// Makes ready for [`watchdog`] and [`hang`].

@@ -34,6 +34,9 @@ const TAILS: [(&str, f64); 2] = [("emergency_stop", 100_000.0), ("fault_stop", 1
 /// How much slower than 64 bytes 1 MiB may be.
 const LARGE_MOST: f64 = 1.2;
 
+/// What is told beside the hops that are judged, for comparison.
+pub const WHOLE_TURN: &str = "64 B, whole turn";
+
 /// What a guarded callback may cost beyond a bare one.
 const GUARD_NS_MAX: f64 = 10.0;
 /// How much slower Erlang's supervisor must be.
@@ -46,6 +49,7 @@ pub fn table(lines: &[Value]) -> String {
     for line in lines {
         match text(line, "bench") {
             "guard_cost" => rows.push(guard(line)),
+            "hop_same_executor" if text(line, "payload") == WHOLE_TURN => {}
             "hop_same_executor" if text(line, "payload") != "64 B" => rows.extend(large(line, lines)),
             bench if TAILS.iter().any(|(name, _)| *name == bench) => rows.push(tail(line)),
             bench if ABSOLUTE.iter().any(|(name, _)| *name == bench) => rows.push(absolute(line)),

@@ -125,7 +125,8 @@ pub fn measure(profiles: &Profiles, policy: &str, inject: u8, faults: usize, lim
         let _ = send.send(rig.run(inject, faults, limit));
         rig.member.destroy(&mut rig.crew);
     };
-    let thread = carrier::spawn("rig", schedule(policy, PRIORITY), |_| {}, body).expect("a thread");
+    let schedule = Schedule { cpus: vec![0], ..schedule(policy, PRIORITY) };
+    let thread = carrier::spawn("rig", schedule, |_| {}, body).expect("a thread");
     let measured = results.recv().expect("the rig measures");
     thread.wait();
     drop(kept);

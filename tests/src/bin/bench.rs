@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use clap::Parser;
 use serde_json::Value;
+use tests::bench::hop::Part;
 use tests::bench::load::Load;
 use tests::bench::rig::Payload;
 use tests::bench::stats::{Samples, Setting};
@@ -135,8 +136,11 @@ impl Run {
 
     fn data_path(&mut self, load: &str, sched: &str) -> io::Result<()> {
         for payload in [hop::Payload::Small, hop::Payload::Large] {
-            self.hop("hop_same_executor", payload.name(), load, sched, || hop::same(payload, sched, RUN))?;
+            let first = || hop::same(payload, Part::First, sched, RUN);
+            self.hop("hop_same_executor", payload.name(), load, sched, first)?;
         }
+        let turn = || hop::same(hop::Payload::Small, Part::Turn, sched, RUN);
+        self.hop("hop_same_executor", report::WHOLE_TURN, load, sched, turn)?;
         for payload in [hop::Payload::Small, hop::Payload::Large] {
             let cross = || hop::cross(payload, Duration::ZERO, sched, RUN);
             self.hop("hop_cross_executor", payload.name(), load, sched, cross)?;

@@ -65,6 +65,14 @@ impl Figures {
     }
 }
 
+/// Nanoseconds from one reading of the clock to the next, as the mean of many.
+fn cost_of_the_clock(cx: &Context<'_>) -> u64 {
+    const TIMES: u64 = 100_000;
+    let began = cx.clock().as_nanos();
+    (1..TIMES).for_each(|_| _ = std::hint::black_box(cx.clock()));
+    (cx.clock().as_nanos() - began) / TIMES
+}
+
 /// Defines a class that passes on what it hears.
 macro_rules! hop {
     ($(#[$doc:meta])* $class:ident, $object:ty, $fill:expr) => {
@@ -82,6 +90,10 @@ macro_rules! hop {
             /// Values between two readings of the clock; 0: every value tells when it was sent.
             #[property(default = 0, range = 0..=1000000)]
             batch: u64,
+            /// With `batch`: the mean from the write to the reader's first instruction, instead of that of a whole turn: both read
+            /// the clock, whose cost is taken off.
+            #[property(default = false)]
+            first: bool,
             /// Microseconds of sleep before a value is passed on, so that whoever waits for it sleeps, too.
             #[property(default = 0, range = 0..=1000000)]
             pause_us: u64,
@@ -91,39 +103,55 @@ macro_rules! hop {
             figures: Figures,
             rounds: u64,
             since: u64,
+            clock_ns: u64,
         }
 
         impl $class {
-            fn send(&mut self, number: u64, sent_ns: u64) {
+            fn send(&mut self, number: u64, sent_ns: impl FnOnce() -> u64) {
                 let mut value = self.said.loan();
                 value.number = number;
-                value.sent_ns = sent_ns;
                 ($fill)(&mut *value);
+                value.sent_ns = sent_ns();
                 value.send();
+            }
+
+            /// Keeps the mean of a batch that is over.
+            fn end_batch(&mut self, cx: &Context<'_>) {
+                let (mean_ns, next) = if self.first {
+                    ((self.since / self.batch).saturating_sub(self.clock_ns), 0)
+                } else {
+                    let now = cx.clock().as_nanos();
+                    // Two hops a round.
+                    ((now - self.since) / (2 * self.batch), now)
+                };
+                if self.rounds > WARM_ROUNDS {
+                    self.figures.add(mean_ns);
+                }
+                self.since = next;
             }
         }
 
         impl Callbacks for $class {
-            fn start(&mut self, _: &mut Context<'_>) -> Outcome {
+            fn start(&mut self, cx: &mut Context<'_>) -> Outcome {
                 self.figures.make_room(&self.file);
+                self.clock_ns = cost_of_the_clock(cx);
                 if self.leads {
-                    self.send(0, 0);
+                    self.send(0, || 0);
                 }
                 Ok(())
             }
 
             fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
-                let heard_ns = if self.batch == 0 { cx.clock().as_nanos() } else { 0 };
+                let reads = self.batch == 0 || self.first;
+                let heard_ns = if reads { cx.clock().as_nanos() } else { 0 };
                 let Some(value) = self.heard.fresh() else { return Ok(()) };
                 let (number, sent_ns) = (value.number, value.sent_ns);
                 self.rounds += 1;
+                if self.first {
+                    self.since += heard_ns.saturating_sub(sent_ns);
+                }
                 if self.batch > 0 && self.rounds.is_multiple_of(self.batch) {
-                    let now = cx.clock().as_nanos();
-                    if self.rounds > WARM_ROUNDS {
-                        // Two hops a round.
-                        self.figures.add((now - self.since) / (2 * self.batch));
-                    }
-                    self.since = now;
+                    self.end_batch(cx);
                 }
                 if self.batch == 0 {
                     if self.rounds > WARM_ROUNDS {
@@ -132,10 +160,8 @@ macro_rules! hop {
                     if self.pause_us > 0 && !cx.sleep(Duration::from_micros(self.pause_us)) {
                         return Ok(());
                     }
-                    self.send(number + 1, cx.clock().as_nanos());
-                } else {
-                    self.send(number + 1, 0);
                 }
+                self.send(number + 1, || if reads { cx.clock().as_nanos() } else { 0 });
                 Ok(())
             }
 

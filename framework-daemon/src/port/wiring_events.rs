@@ -1,8 +1,12 @@
 //! Connections of event ports that are made while everything runs.
 
+use std::sync::Arc;
+
 use component_sdk::status::Status;
 
 use super::border::PortEnd;
+use super::pattern::event_client::EventClient;
+use super::pattern::event_server::EventServer;
 use super::wiring::{Name, Refusal, join};
 
 /// A port with its name.
@@ -16,13 +20,7 @@ pub(super) fn connect(one: Named<'_>, other: Named<'_>) -> Option<Result<(), Ref
     let (from, to) = if one.0.receives() { (other, one) } else { (one, other) };
     Some(match (from.0, to.0) {
         (PortEnd::EventOut(output), PortEnd::EventIn(input)) => join(output, from.1, &input.port, to.1),
-        (PortEnd::EventServer(server), PortEnd::EventClient(client)) => client.connect(server).map_err(|difference| {
-            let (asked, served) = (&client, &server);
-            refused(format_args!(
-                "{} asks for {} with {}, {} tells of {} for {}: {difference}",
-                to.1, asked.event.name, asked.parameter.name, from.1, served.event.name, served.parameter.name
-            ))
-        }),
+        (PortEnd::EventServer(server), PortEnd::EventClient(client)) => hear((server, from.1), (client, to.1)),
         _ => Err(refused(format_args!(
             "{} and {} cannot be connected: one is {}, the other {}",
             one.1,
@@ -30,6 +28,17 @@ pub(super) fn connect(one: Named<'_>, other: Named<'_>) -> Option<Result<(), Ref
             kind(one.0),
             kind(other.0)
         ))),
+    })
+}
+
+/// A client hears of that server's events from now on. What it had activated is over, even if it is the same server.
+fn hear((server, from): (&Arc<EventServer>, Name<'_>), (client, to): (&EventClient, Name<'_>)) -> Result<(), Refusal> {
+    client.disconnect();
+    client.connect(server).map_err(|difference| {
+        refused(format_args!(
+            "{to} asks for {} with {}, {from} tells of {} for {}: {difference}",
+            client.event.name, client.parameter.name, server.event.name, server.parameter.name
+        ))
     })
 }
 

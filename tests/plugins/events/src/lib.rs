@@ -33,7 +33,7 @@ macro_rules! event_cases {
             event_is_fresh_for_each_activation, put_says_that_one_failed, put_without_activations_ok,
             event_wait_has_memory, event_data_wins_over_the_gate, event_gate_is_a_level_and_no_counter,
             component_blocking_reaches_event_clients, new_event_client_is_not_connected, event_connect_ok,
-            event_connect_disconnects_first, event_connect_unknown_service, event_connect_wrong_type,
+            event_connect_disconnects_first, event_connect_to_the_same_disconnects_first, event_connect_unknown_service, event_connect_wrong_type,
             event_connect_wrong_pattern, event_connect_failed_leaves_disconnected,
             event_disconnect_ok_connected_or_not, event_disconnect_tells_the_server, own_event_is_a_cycle,
             event_port_begins, event_port_delivers_each_in_order, event_port_overflow_by_rule,

@@ -35,6 +35,18 @@ pub(crate) fn event_connect_disconnects_first(watcher: &mut Watcher, _: &mut Con
     same(put(watcher, 2.0)?, 0)
 }
 
+pub(crate) fn event_connect_to_the_same_disconnects_first(
+    watcher: &mut Watcher,
+    cx: &mut Context<'_>,
+) -> Result<(), String> {
+    let id = text(watcher.loose.activate(Mode::Single, above(1.0)))?;
+    same(attempt(watcher, "watcher", "mine").0, None)?;
+    same(watcher.loose.try_event(id), Err(Status::WrongId))?;
+    let id = text(watcher.loose.activate(Mode::Single, above(1.0)))?;
+    cx.wiring().connect(("watcher", "loose"), ("watcher", "mine")).map_err(|refusal| refusal.to_string())?;
+    same(watcher.loose.try_event(id), Err(Status::WrongId))
+}
+
 pub(crate) fn event_connect_unknown_service(watcher: &mut Watcher, _: &mut Context<'_>) -> Result<(), String> {
     same(attempt(watcher, "measurer", "nothing").0, Some(Status::ServiceUnavailable))?;
     same(attempt(watcher, "nobody", "levels").0, Some(Status::ServiceUnavailable))

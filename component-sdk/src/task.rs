@@ -32,7 +32,8 @@
 //! A task may wait, as `on_execute` may; what it does between two waits must take no longer than a callback may
 //! ([`Task::budget`](crate::task::Task::budget) says otherwise). Whatever ends it but its own return is a fault of its component: after a trap or a
 //! hang the instance is replaced with all of its tasks, and its successor starts its own in `start`; after a panic or
-//! an error it runs again when the component was reset.
+//! an error it runs again when the component was reset. What was moved into a task does not come back: when a slot that was
+//! stopped starts again, an instance that had tasks is replaced by a fresh one, whose `start` has its ports.
 
 use std::time::Duration;
 

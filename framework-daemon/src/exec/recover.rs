@@ -361,7 +361,7 @@ impl Member {
     }
 
     /// Leaves a unit to the workshop.
-    fn clear(&self, unit: Box<Unit>, crew: &mut Crew) {
+    pub(super) fn clear(&self, unit: Box<Unit>, crew: &mut Crew) {
         if unit.spent {
             Status::count(&self.slot.status.quarantined);
         }

@@ -17,15 +17,27 @@ impl Member {
     /// Does what was asked; returns the state it is in then.
     pub fn steer(&mut self, act: Move, crew: &mut Crew) -> State {
         match act {
-            Move::Start => self.start(crew),
             Move::Stop => self.stop(crew),
             Move::Raise if self.state() == State::Error => self.raise(crew),
-            Move::Raise => self.start(crew),
+            Move::Start | Move::Raise => self.start_again(crew),
         }
         self.state()
     }
 
-    /// Back to work after a fault-stop, with a clean record: the same instance where it is sound, a fresh one of the class in
+    /// `start` of a slot that was stopped: of the same instance, unless it gave something to tasks. They have come to their
+    /// end with what was moved into them; a second `start` would find closed ports.
+    fn start_again(&mut self, crew: &mut Crew) {
+        let is_whole = self.unit.as_ref().is_none_or(|unit| unit.is_whole());
+        if is_whole || self.state() != State::Inactive {
+            return self.start(crew);
+        }
+        match self.renew("started again by an operator, or with what it needs", crew) {
+            Ok(()) => self.start(crew),
+            Err(fault) => self.lose(&fault, crew),
+        }
+    }
+
+    /// Back to work after a fault-stop, with a clean record: the same instance where it is whole, a fresh one of the class in
     /// use else. A fault on the way stops it again.
     fn raise(&mut self, crew: &mut Crew) {
         // It is on its way already.
@@ -34,8 +46,8 @@ impl Member {
         }
         self.ladder.forgive();
         service::set_blocking(&self.slot, true);
-        let is_sound = self.unit.as_ref().is_some_and(|unit| !unit.spent);
-        let raised = if is_sound { self.reset_sound(crew) } else { self.fill_anew(crew) };
+        let is_whole = self.unit.as_ref().is_some_and(|unit| unit.is_whole());
+        let raised = if is_whole { self.reset_sound(crew) } else { self.fill_anew(crew) };
         match raised {
             Ok(()) => {
                 self.keep_side_report();
@@ -62,18 +74,29 @@ impl Member {
     }
 
     fn fill_anew(&mut self, crew: &mut Crew) -> Result<(), Fault> {
-        let unit = self.make(self.shelf.in_use(), crew)?;
-        self.slot.status.set_class(unit.recipe);
-        unit.open();
-        self.unit = Some(unit);
-        self.restore(crew)?;
-        let evidence = Evidence::Text { message: ShortText::new("reset by an operator") };
-        let cause = Fault::told(Symptom::Raised, clock::now_ns(), evidence);
-        let call = Call { fault: super::recover::told(self.slot.name, &cause), ..Call::plain(Hook::Recover) };
-        self.enter(call, crew)?;
+        self.renew("reset by an operator", crew)?;
         self.step(Event::Recover);
         self.step(Event::Start);
         self.enter_start(crew)
+    }
+
+    /// A fresh instance of the class in use, which is told why it is there.
+    fn renew(&mut self, why: &str, crew: &mut Crew) -> Result<(), Fault> {
+        let unit = self.make(self.shelf.in_use(), crew)?;
+        self.slot.status.set_class(unit.recipe);
+        if let Some(mut old) = self.unit.take() {
+            old.close();
+            // It was stopped with its slot.
+            old.started = false;
+            self.clear(old, crew);
+        }
+        unit.open();
+        self.unit = Some(unit);
+        self.restore(crew)?;
+        let evidence = Evidence::Text { message: ShortText::new(why) };
+        let cause = Fault::told(Symptom::Raised, clock::now_ns(), evidence);
+        let call = Call { fault: super::recover::told(self.slot.name, &cause), ..Call::plain(Hook::Recover) };
+        self.enter(call, crew)
     }
 
     /// The emergency stop: `on_emergency`, the slot's safe outputs once more, because its component may have written since

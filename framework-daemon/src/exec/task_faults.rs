@@ -1,5 +1,6 @@
 //! Tasks and their member: what a task did wrong is answered by the slot's rules, as a fault in a callback is.
 
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use super::member::{Crew, Member};
@@ -56,6 +57,7 @@ impl Member {
 /// Starts what a callback of `unit` wants started. An instance that is not in use runs no tasks: its ports lead nowhere.
 pub(super) fn start_tasks(unit: &Unit) {
     while let Some(spawned) = task::take_spawned() {
+        unit.gave_to_tasks.store(true, Ordering::Relaxed);
         if unit.spent {
             // What it holds may be half-changed: it stays.
             crowd::release(unit.owner.instance);

@@ -128,6 +128,8 @@ pub struct Unit {
     pub spent: bool,
     /// Its `start` went well.
     pub started: bool,
+    /// It has had tasks: what they were given is not its own any more.
+    pub gave_to_tasks: AtomicBool,
     /// Its checkpoint: fields of the instance, and what it registered.
     pub regions: Vec<Region>,
     bindings: Vec<Binding>,
@@ -219,6 +221,7 @@ impl Parts {
             limits: self.limits,
             spent: false,
             started: false,
+            gave_to_tasks: AtomicBool::new(false),
             bindings: self.bindings,
             in_use: AtomicBool::new(false),
         })
@@ -277,6 +280,12 @@ impl Unit {
         self.bindings.iter().for_each(Binding::bring_near);
         let size = self.instance.class().decl.size;
         arch::bring_near(self.instance.address(), size.min(NEAR_BYTES));
+    }
+
+    /// Good for another `start` or `reset` after the slot has stopped: not spent, and nothing of it went away with its tasks.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        !self.spent && !self.gave_to_tasks.load(Ordering::Relaxed)
     }
 
     /// It takes the slot over: its ports lead somewhere.

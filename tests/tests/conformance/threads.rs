@@ -2,6 +2,7 @@
 
 use std::process::Command;
 
+use tests::asking::ask;
 use tests::daemon_binary::daemon_binary;
 use tests::profiles::{Profiles, application, connection_of, plugin_dir, slot};
 use tests::running::Running;
@@ -76,6 +77,44 @@ fn info(daemon: &Running) -> String {
     let mut command = Command::new(daemon_binary());
     let output = command.args(["component", "info", "tasker", "--socket"]).arg(daemon.socket()).output();
     String::from_utf8_lossy(&output.expect("the daemon's binary runs").stdout).into_owned()
+}
+
+/// A slot with a task that asks by a port of its own, after the task was answered.
+fn lending(transport: Transport, arguments: &[&str]) -> (Profiles, Running) {
+    let profiles = profiles(transport, "lend");
+    let daemon = Running::start(profiles.path(), arguments);
+    daemon.wait_for("task was answered");
+    (profiles, daemon)
+}
+
+fn order(daemon: &Running, verb: &str) {
+    let answer = ask(daemon, &format!("component {verb} tasker"));
+    assert_eq!(answer.code, Some(0), "{}", answer.err);
+}
+
+#[test]
+fn a_slot_that_starts_again_has_its_tasks_and_they_their_ports() {
+    for transport in [Transport::Near, Transport::Far] {
+        let (_profiles, mut daemon) = lending(transport, &[]);
+        order(&daemon, "stop");
+        order(&daemon, "start");
+        daemon.wait_for_lines("task was answered", 2);
+        let slots = daemon.stop();
+        assert!(slots.iter().all(|slot| slot["faults"] == 0 && slot["quarantined"] == 0), "{slots:?}");
+    }
+}
+
+#[test]
+fn a_slot_that_is_reset_after_a_fault_stopped_it_has_its_tasks_again() {
+    for transport in [Transport::Near, Transport::Far] {
+        let (_profiles, mut daemon) = lending(transport, &["--inject", "tasker:error@0.5"]);
+        let faults = daemon.journal("fault", 1);
+        assert_eq!((&faults[0]["slot"], &faults[0]["action"]), (&"tasker".into(), &"stop".into()), "{faults:?}");
+        order(&daemon, "reset");
+        daemon.wait_for_lines("task was answered", 2);
+        daemon.stop();
+        assert_eq!(daemon.entries("fault").len(), 1, "{:?}", daemon.entries("fault"));
+    }
 }
 
 #[test]

@@ -107,7 +107,7 @@ pub struct Tasker {
     /// To a task.
     #[port(fifo = 8)]
     heard: DataIn<u64>,
-    /// `all` cases; `stay` with tasks that come to an end; `hang` with one that does not.
+    /// `all` cases; `stay` with tasks that come to an end; `lend` a port to one; `hang` with one that does not.
     #[property(default = "all")]
     run: String,
     next: usize,
@@ -117,6 +117,7 @@ impl Callbacks for Tasker {
     fn start(&mut self, cx: &mut Context<'_>) -> Outcome {
         match self.run.as_str() {
             "stay" => stay(cx)?,
+            "lend" => lend(cx, std::mem::take(&mut self.ask))?,
             "hang" => cx.spawn(Task::new("hangs"), |_: &mut Context<'_>| -> Outcome {
                 victim::hang();
                 Ok(())
@@ -164,6 +165,18 @@ impl Drop for Told {
 }
 
 static DROPPED: AtomicU64 = AtomicU64::new(0);
+
+/// A task that asks the victim by a port that was moved into it.
+fn lend(cx: &Context<'_>, mut ask: QueryClient<u64, u64>) -> Outcome {
+    cx.spawn(Task::new("asks"), move |cx: &mut Context<'_>| -> Outcome {
+        ask.query(todo::RESETS)?;
+        info!(cx, "task was answered");
+        let slept = cx.sleep(Duration::from_secs(3600));
+        info!(cx, "task that asks slept: {slept}");
+        Ok(())
+    })?;
+    Ok(())
+}
 
 fn stay(cx: &Context<'_>) -> Outcome {
     cx.spawn_job(Task::new("ticks").period(Duration::from_millis(5)), Told(0))?;

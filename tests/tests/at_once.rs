@@ -70,7 +70,9 @@ fn sees_the_same(executor: &str) {
     let slots = daemon.stop();
     let told: Vec<String> = daemon.lines("asked to ");
     for (line, expected) in told.iter().zip(TOLD) {
-        assert!(line.contains(expected), "{line}, not {expected}");
+        // Of two that close a ring from two executors either may be told.
+        let is_other_end = executor != "main" && line.contains("asked to ask back: Ok(0), Err(Cycle)");
+        assert!(line.contains(expected) || is_other_end, "{line}, not {expected}");
     }
     assert_eq!(told.len(), TOLD.len());
     let text = |fault: &Value, what: &str| fault[what].as_str().unwrap_or_default().to_owned();

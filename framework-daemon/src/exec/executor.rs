@@ -505,8 +505,8 @@ impl Run {
     /// Enters a callback of a member, from which others of this executor may be asked at once.
     fn enter(&mut self, number: usize, callback: fn(&mut Member, &mut Crew)) {
         let Some(Some(member)) = self.members.get_mut(number) else { return };
-        if member.asks_at_once() {
-            self.crew.aside.enter(number);
+        if let Some(limit_ns) = member.asks_at_once() {
+            self.crew.aside.enter(number, limit_ns);
         }
         callback(member, &mut self.crew);
         self.crew.aside.leave();

@@ -1,8 +1,8 @@
 //! The way into a member's handlers from within the callback of another member of the same executor, for questions that are
 //! answered at once ([`crate::port::pattern::direct`]).
 //!
-//! A lane has a fiber of its own, so that a handler which traps or hangs is ended as any other: whoever asked goes on. While
-//! a handler runs, the time of the callback that asked stands still. What a handler leaves behind, other than its answer, the
+//! A lane has a fiber of its own, so that a handler which traps or hangs is ended as any other: whoever asked goes on, and has
+//! as much time then as after any wait. What a handler leaves behind, other than its answer, the
 //! executor sees to: the callback that asked waits, and the member takes up what happened in its lane as if it had
 //! entered the handler itself ([`super::member::Member::take_up_aside`]).
 //!
@@ -29,7 +29,9 @@ use crate::sys::seat::{self, Owner};
 pub struct Aside {
     /// The member whose callback may ask others at once, and one more; 0: none.
     entered: AtomicUsize,
-    /// How often it did.
+    /// How long it may take, from one wait to the next, in nanoseconds.
+    limit_ns: AtomicU64,
+    /// How often it did ask.
     turns: AtomicU32,
     /// How long others ran on its time, in nanoseconds.
     away_ns: AtomicU64,
@@ -40,8 +42,9 @@ pub struct Aside {
 impl Aside {
     /// The callback of that member is entered: it may ask others at once.
     #[inline]
-    pub(super) fn enter(&self, member: usize) {
+    pub(super) fn enter(&self, member: usize, limit_ns: u64) {
         self.entered.store(member + 1, Ordering::Relaxed);
+        self.limit_ns.store(limit_ns, Ordering::Relaxed);
         self.turns.store(0, Ordering::Relaxed);
     }
 
@@ -79,6 +82,17 @@ impl Aside {
     fn lets(&self, member: usize) -> bool {
         let entered = self.entered.load(Ordering::Relaxed);
         entered != 0 && entered != member + 1 && self.turns.load(Ordering::Relaxed) < TURNS_AT_ONCE
+    }
+
+    fn limit_ns(&self) -> u64 {
+        self.limit_ns.load(Ordering::Relaxed)
+    }
+
+    /// From now on a callback runs that may take that long; how long the one before may.
+    fn change_limit(&self, limit_ns: u64) -> u64 {
+        let before_ns = self.limit_ns();
+        self.limit_ns.store(limit_ns, Ordering::Relaxed);
+        before_ns
     }
 
     fn count(&self, away_ns: u64) {
@@ -134,18 +148,18 @@ impl Lane {
         unsafe { &mut *self.room.get() }
     }
 
-    /// From now on handlers of that instance are entered here, while its member is at rest.
-    pub(super) fn open(&self, unit: &Unit, aside: &Arc<Aside>, fibers: &mut Fibers) {
+    /// From now on handlers of that instance are entered here, while its member is at rest. True: a fiber was taken for that.
+    pub(super) fn open(&self, unit: &Unit, aside: &Arc<Aside>, fibers: &mut Fibers) -> bool {
         // SAFETY: with the executor's fibers at hand this is its thread, and nobody is in the lane: only callbacks enter it.
         let room = unsafe { self.room() };
-        if room.owner != Some(unit.owner) {
-            if !room.furnish(unit, fibers) {
-                return self.close();
-            }
+        let is_anew = room.owner != Some(unit.owner);
+        let takes = is_anew && room.furnish(unit, fibers);
+        if is_anew {
             room.aside = Arc::clone(aside);
         }
         let is_whole = room.news == 0 && room.fiber.is_some() && room.frame.is_some();
         self.is_open.store(is_whole, Ordering::Relaxed);
+        takes
     }
 
     /// Nobody enters it.
@@ -182,13 +196,14 @@ impl Lane {
 }
 
 impl Room {
-    /// A fiber of the right size and a frame for that instance; false: there is no room for a stack.
+    /// A fiber of the right size, where there is room for a stack, and a frame for that instance; true: the fiber was taken now.
     fn furnish(&mut self, unit: &Unit, fibers: &mut Fibers) -> bool {
         let stack_bytes = unit.limits.stack_bytes;
         if let Some(fiber) = self.fiber.take_if(|fiber| fiber.stack_bytes() != stack_bytes) {
             fibers.take_back_idle(fiber);
         }
-        if self.fiber.is_none() {
+        let takes = self.fiber.is_none();
+        if takes {
             self.fiber = fibers.lend(stack_bytes).ok();
         }
         let entry = unit.instance.entry();
@@ -197,7 +212,7 @@ impl Room {
             None => self.frame = Some(Box::new(Frame::serving(entry, unit.limits))),
         }
         (self.owner, self.hang_ns) = (Some(unit.owner), unit.limits.hang_ns);
-        self.fiber.is_some()
+        takes
     }
 
     /// True where the handler that was entered there returned, and left nothing to be asked about.
@@ -225,18 +240,19 @@ impl direct::Lane for Lane {
 
     /// Called where it is open.
     fn serve(&self, args: ServeArgs) -> Served {
-        let Some(outer) = Outer::here() else { return Served::Not };
         // SAFETY: asked where it is open, on the executor's thread. Whatever the handler asks for, this lane is closed meanwhile.
         let room = unsafe { self.room() };
+        let Some(outer) = Outer::here(room.aside.limit_ns()) else { return Served::Not };
         let (Some(owner), Some(fiber), Some(mut frame)) = (&room.owner, &mut room.fiber, room.frame.take()) else {
             return Served::Not;
         };
         self.close();
         frame.take_up(args);
-        let client = seat::owner();
+        let (client, limit_ns) = (seat::owner(), room.aside.change_limit(room.hang_ns));
         seat::enter(owner);
         let away_ns = fiber.begin_within(&outer, room.hang_ns, frame);
         seat::enter(&client);
+        room.aside.change_limit(limit_ns);
         room.aside.count(away_ns);
         if room.is_clean() {
             self.is_open.store(true, Ordering::Relaxed);

@@ -404,7 +404,12 @@ impl Member {
             // One of them may answer from its own thread.
             && self.slot.tasks.is_empty();
         match self.unit.as_ref().filter(|unit| is_at_rest && !unit.spent && !unit.limits.is_tight()) {
-            Some(unit) => lane.open(unit, &crew.aside, &mut crew.fibers),
+            Some(unit) => {
+                if lane.open(unit, &crew.aside, &mut crew.fibers) {
+                    // A recovery finds its own all the same.
+                    self.prepare_fibers(crew);
+                }
+            }
             None => lane.close(),
         }
     }
@@ -419,10 +424,11 @@ impl Member {
         self.after(&result, clock::now_ns(), crew);
     }
 
-    /// True where its callback may ask others at once: how long they take is not measured exactly.
+    /// How long its callback may take that may ask others at once; `None`: it may not, for how long they take is not measured
+    /// exactly.
     #[inline]
-    pub(super) fn asks_at_once(&self) -> bool {
-        !self.is_tight()
+    pub(super) fn asks_at_once(&self) -> Option<u64> {
+        self.unit.as_ref().filter(|unit| !unit.limits.is_tight()).map(|unit| unit.limits.hang_ns)
     }
 
     /// What somebody has to tell that is no reason to enter a callback.

@@ -96,13 +96,17 @@ pub fn park(until_ns: u64) -> Result<(), NotHere> {
 
 /// The callback that runs on another fiber of this thread, and may wait: another one can be entered from within it, on a fiber of
 /// its own. A trap ends the inner one only, and whoever entered it goes on.
-pub struct Outer(&'static Armed);
+pub struct Outer {
+    armed: &'static Armed,
+    limit_ns: u64,
+}
 
 impl Outer {
-    /// The one that calls this; `None`: it may not wait, or there is none.
+    /// The one that calls this, and must return within that many nanoseconds afterwards; `None`: it may not wait, or there is
+    /// none.
     #[must_use]
-    pub fn here() -> Option<Self> {
-        trap::patient().map(Self)
+    pub fn here(limit_ns: u64) -> Option<Self> {
+        trap::patient().map(|armed| Self { armed, limit_ns })
     }
 }
 
@@ -186,17 +190,17 @@ impl<E: Errand> Fiber<E> {
         self.go_on(deadline_ns, may_wait);
     }
 
-    /// Runs `errand` from within a callback on another fiber, whose time stands still meanwhile, until it returns, traps or
-    /// waits, within that many nanoseconds; returns how long that took, to a tick. Otherwise as [`Self::run`].
+    /// Runs `errand` from within a callback on another fiber, until it returns, traps or waits, within that many nanoseconds;
+    /// returns how long that took, to a tick. Otherwise as [`Self::run`].
     ///
     /// # Panics
     /// As [`Self::run`].
     pub fn begin_within(&mut self, outer: &Outer, limit_ns: u64, errand: Box<E>) -> u64 {
         let began_ns = clock::recent_ns();
-        let left_ns = outer.0.left_ns(began_ns);
         self.begin((began_ns + clock::TICK_NS).saturating_add(limit_ns), true, errand);
         let ended_ns = clock::recent_ns();
-        outer.0.run_on(ended_ns.saturating_add(left_ns));
+        // As after any wait. What is left of its time may be less than the watchdog expects of what begins.
+        outer.armed.run_on((ended_ns + clock::TICK_NS).saturating_add(outer.limit_ns));
         ended_ns.saturating_sub(began_ns)
     }
 

@@ -166,12 +166,6 @@ impl Armed {
         self.pulse.end();
     }
 
-    /// What is left of its time.
-    #[inline]
-    pub(super) fn left_ns(&self, now_ns: u64) -> u64 {
-        self.pulse.deadline_ns().map_or(0, |deadline_ns| deadline_ns.saturating_sub(now_ns))
-    }
-
     /// It runs on, after another one that ran from within it, and must return until then. Never inlined: the thread may
     /// be another one than before.
     #[inline(never)]

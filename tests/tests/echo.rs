@@ -108,6 +108,31 @@ fn a_port_of_a_service_has_no_values() {
 }
 
 #[test]
+fn plain_events_are_shown_and_other_event_ports_have_none() {
+    let links = [
+        connection_of("event", "chime.strikes -> watcher.alarms", ""),
+        connection_of("event", "measurer.levels -> watcher.level", ""),
+    ];
+    let quiet = "<properties><property name=\"run\" type=\"string\">nothing</property></properties>";
+    let slots = [slot("chime", "Chime", ""), slot("measurer", "Measurer", ""), slot("watcher", "Watcher", quiet)];
+    let profiles = Profiles::new(&application(&slots, &links.each_ref().map(String::as_str)));
+    profiles.describe(&plugin_dir().join("libevents.so"));
+    let daemon = Running::start(profiles.path(), &[]);
+    for port in ["chime.strikes", "watcher.alarms"] {
+        let shown = done(ask(&daemon, &format!("port echo {port} --count 2 --format json"))).json();
+        assert_eq!((shown.len(), &shown[0]["echo"]["from"]), (2, &json!("chime.strikes")), "{shown:?}");
+        assert!(shown[0]["echo"]["value"].as_u64() < shown[1]["echo"]["value"].as_u64(), "{shown:?}");
+        done(ask(&daemon, &format!("port hz {port} --window 0.1 --count 1")));
+    }
+    for port in ["measurer.levels", "watcher.level"] {
+        for verb in ["echo", "hz"] {
+            let refused = ask(&daemon, &format!("port {verb} {port} --count 1"));
+            assert!(refused.code == Some(6) && refused.err.contains("is no data port"), "{refused:?}");
+        }
+    }
+}
+
+#[test]
 fn a_port_tells_its_subscription_and_its_cycle() {
     let profiles = Profiles::new(&application(
         &[slot("hearer", "Hearer", ""), slot("sender", "Sender", "")],

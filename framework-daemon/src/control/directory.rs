@@ -73,10 +73,10 @@ impl Directory {
         self.places.get(name).and_then(|place| self.entries.get(*place))
     }
 
-    /// The data output of that name: a slot's, or a voter's.
+    /// What sends values, or plain events, at the port of that name: a slot's, or a voter's.
     #[must_use]
     pub fn output(&self, slot: &str, port: &str) -> Option<Arc<OutPort>> {
-        let own = self.entry(slot).and_then(|entry| entry.slot.output(port));
+        let own = self.entry(slot).and_then(|entry| entry.slot.writer(port));
         own.cloned().or_else(|| self.helpers.output(&PortRef { slot: slot.to_owned(), port: port.to_owned() }).cloned())
     }
 

@@ -111,7 +111,7 @@ fn writers(directory: &Directory, name: &PortName) -> Result<Vec<(Arc<OutPort>, 
         return Ok(vec![(output, format!("{}.{}", name.slot, name.port))]);
     }
     let entry = owner(directory, name)?;
-    let Some(input) = entry.slot.input(&name.port) else { return Err(carries_none(entry, name)) };
+    let Some(input) = entry.slot.reader(&name.port) else { return Err(carries_none(entry, name)) };
     let wires = directory.wires();
     let writer = |end: &super::directory::End| Some((directory.output(end.slot, &end.port)?, end.to_string()));
     Ok(wires.of(input).iter().filter_map(writer).collect())
@@ -119,7 +119,8 @@ fn writers(directory: &Directory, name: &PortName) -> Result<Vec<(Arc<OutPort>, 
 
 fn carries_none(entry: &Entry, name: &PortName) -> Refusal {
     let (slot, port) = (&entry.slot, &name.port);
-    if slot.requestor(port).is_some() || slot.provider(port).is_some() {
+    let is_event = || slot.events.names().any(|name| name == port);
+    if slot.requestor(port).is_some() || slot.provider(port).is_some() || is_event() {
         let reason = format!("{}.{port} is no data port: it carries no values that could be shown", name.slot);
         return Refusal::NotMeasurable(name.clone(), reason);
     }

@@ -164,15 +164,10 @@ pub(super) fn slot<'a>(directory: &'a Directory, name: &str) -> Result<&'a Arc<S
 
 /// An input itself; for an output the reader whose only writer it is, or else the first, or whoever hears it.
 fn measuring_point(directory: &Directory, name: &PortName) -> Result<Point, Refusal> {
-    let output = match directory.output(&name.slot, &name.port) {
-        Some(output) => output,
-        None => {
-            let entry = owner(directory, name)?;
-            if entry.slot.reader(&name.port).is_some() {
-                return Ok(Point::Input(End { slot: entry.slot.name, port: name.port.clone() }));
-            }
-            Arc::clone(entry.slot.writer(&name.port).ok_or_else(|| no_rate(entry, name))?)
-        }
+    let Some(output) = directory.output(&name.slot, &name.port) else {
+        let entry = owner(directory, name)?;
+        let end = End { slot: entry.slot.name, port: name.port.clone() };
+        return entry.slot.reader(&name.port).map(|_| Point::Input(end)).ok_or_else(|| no_rate(entry, name));
     };
     let wires = directory.wires();
     let writers =
@@ -189,7 +184,7 @@ fn no_rate(entry: &Entry, name: &PortName) -> Refusal {
     let (slot, port) = (&entry.slot, &name.port);
     let is_event = || slot.events.names().any(|name| name == port);
     if slot.requestor(port).is_some() || slot.provider(port).is_some() || is_event() {
-        let reason = format!("{}.{port} is no data port: `port info` tells how often it was asked", name.slot);
+        let reason = format!("{}.{port} is no data port: `port info` tells what it counts", name.slot);
         return Refusal::NotMeasurable(name.clone(), reason);
     }
     Refusal::NoSuchPort(name.clone(), entry.missing(port))

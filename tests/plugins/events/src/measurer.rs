@@ -130,3 +130,20 @@ impl Callbacks for OtherMeasurer {
         Ok(())
     }
 }
+
+/// Sends a plain event in each period.
+#[derive(Component)]
+#[component(name = "Chime", periodic = "2ms")]
+pub struct Chime {
+    #[port]
+    strikes: EventOut<u64>,
+    struck: u64,
+}
+
+impl Callbacks for Chime {
+    fn on_execute(&mut self, _: &mut Context<'_>) -> Outcome {
+        self.struck += 1;
+        self.strikes.send(self.struck);
+        Ok(())
+    }
+}

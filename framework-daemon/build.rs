@@ -5,6 +5,18 @@ const SHIELDED: &[&str] = &[
     // heap
     "free",
     "realloc",
+    // descriptors
+    "close",
+    "dup2",
+    "dup3",
+    "close_range",
+    "closefrom",
+    "ftruncate",
+    "ftruncate64",
+    "shutdown",
+    "fcntl",
+    "fcntl64",
+    "ioctl",
     // leave
     "abort",
     "exit",
@@ -18,6 +30,15 @@ const SHIELDED: &[&str] = &[
     "prlimit",
     "prlimit64",
     "prctl",
+    // opens
+    "open64",
+    "accept4",
+    "socket",
+    "socketpair",
+    "pipe2",
+    "memfd_create",
+    "opendir",
+    "closedir",
     // replace
     "execv",
     "execvp",

@@ -2,6 +2,7 @@
 //! answered by its rules. The others go on.
 #![allow(unsafe_code, reason = "a system that permits no filters")]
 
+use tests::asking::ask;
 use tests::profiles::{Profiles, application, plugin_dir, slot};
 use tests::running::Running;
 
@@ -174,6 +175,49 @@ fn what_components_leave_for_the_end_of_a_thread_or_of_the_process_spoils_neithe
 fn limits_and_filters_of_the_process_are_not_for_components() {
     allowed("limits");
     allowed("filters");
+}
+
+/// The daemon keeps its own: it is asked, reloads, writes its journal from the beginning on, and ends in order.
+fn keeps_its_descriptors(deed: &str) {
+    let profiles = culprit(deed);
+    let mut daemon = Running::start(profiles.path(), &[]);
+    daemon.wait_for_lines(&format!("is over: {deed}"), 3);
+    for asked in ["component list", "reload", "component list"] {
+        let answer = ask(&daemon, asked);
+        assert_eq!(answer.code, Some(0), "{deed}: {asked}: {}; the log:\n{}", answer.err, daemon.log());
+    }
+    let entries = ["fault", "start", "reload"].map(|kind| daemon.entries(kind).len());
+    assert_eq!(entries, [0, 1, 1], "{deed}; the log:\n{}", daemon.log());
+    goes_on(&mut daemon, deed);
+}
+
+#[test]
+fn descriptors_of_the_daemon_are_neither_closed_nor_overwritten() {
+    for deed in ["close all", "thread close all", "close ranges", "overwrite all", "overwrite all by dup3"] {
+        keeps_its_descriptors(deed);
+    }
+}
+
+#[test]
+fn descriptors_of_the_daemon_are_not_changed() {
+    keeps_its_descriptors("change all");
+}
+
+#[test]
+fn system_calls_past_the_c_library_close_no_descriptor_of_the_daemon() {
+    for deed in ["syscall close all", "syscall overwrite all"] {
+        keeps_its_descriptors(deed);
+    }
+}
+
+#[test]
+fn signals_are_heard_whatever_becomes_of_the_descriptors_flags() {
+    allowed("syscall change all");
+}
+
+#[test]
+fn descriptors_of_a_components_own_work() {
+    allowed("own descriptors");
 }
 
 #[test]

@@ -85,8 +85,10 @@ impl Plugin {
         let image = image::read(&bytes)?;
         let identity = if image.build_id.is_empty() { bytes.as_slice() } else { image.build_id.as_bytes() };
         let build = Sum::of(identity).finish(0);
+        // Not within `load`: the copy is the daemon's own descriptor.
+        let copy = copy_in_memory(file, &bytes).map_err(|error| format!("no memory for its private copy: {error}"))?;
         let (header, classes) = shield::load(|| -> Result<_, String> {
-            let library = open_copy(file, &bytes)?;
+            let library = open_copy(file, copy)?;
             let (header, raw) = read_header(&library, &image.symbol)?;
             memory::read_in(std::ptr::from_ref(raw).expose_provenance());
             let module = root_module(raw)?;
@@ -142,10 +144,9 @@ impl Class {
     }
 }
 
-/// Opens a copy of the file's contents. Library and descriptor stay for the life of the process: `dlopen` compares
+/// Opens that copy of the file's contents. Library and descriptor stay for the life of the process: `dlopen` compares
 /// names, and the name of a copy is its descriptor's number.
-fn open_copy(file: &Path, bytes: &[u8]) -> Result<ManuallyDrop<Library>, String> {
-    let descriptor = copy_in_memory(file, bytes).map_err(|error| format!("no memory for its private copy: {error}"))?;
+fn open_copy(file: &Path, descriptor: OwnedFd) -> Result<ManuallyDrop<Library>, String> {
     let path = format!("{}{}", text::COPIES, descriptor.as_raw_fd());
     text::install();
     // SAFETY: loading runs the library's constructors: they are trusted as far as its image was checked here and another

@@ -15,7 +15,7 @@ use super::arch;
 use super::shield::{self, Caller};
 
 /// What only the daemon may do.
-const FENCED: [i64; 13] = [
+const FENCED: [i64; 17] = [
     libc::SYS_exit,
     libc::SYS_exit_group,
     libc::SYS_kill,
@@ -29,6 +29,10 @@ const FENCED: [i64; 13] = [
     libc::SYS_seccomp,
     libc::SYS_setrlimit,
     libc::SYS_prlimit64,
+    libc::SYS_close,
+    libc::SYS_close_range,
+    arch::OVERWRITES[0],
+    arch::OVERWRITES[1],
 ];
 
 static STANDS: AtomicBool = AtomicBool::new(false);
@@ -210,8 +214,13 @@ pub(super) fn judge(info: &libc::siginfo_t, context: &mut libc::ucontext_t) -> O
     let mut arguments = arch::arguments(context);
     match ask(number, &arguments) {
         Answer::Refused(verdict) => return Some(verdict),
-        Answer::Denied => {
-            arch::set_result(context, -(libc::EPERM as isize));
+        Answer::Denied(error) => {
+            arch::set_result(context, -(error as isize));
+            return Some(Verdict::Answered);
+        }
+        Answer::Spares => {
+            let [first, last, flags] = [0, 1, 2].map(|index| arguments[index] as u32);
+            arch::set_result(context, shield::descriptors::close_others(first, last, flags));
             return Some(Verdict::Answered);
         }
         Answer::Question(of) => arguments[of] = 0,
@@ -227,8 +236,10 @@ enum Answer {
     Passed,
     /// Carried out without the new value, which is that argument: it only asks.
     Question(usize),
-    /// Not permitted.
-    Denied,
+    /// Not permitted: that error.
+    Denied(i32),
+    /// Carried out on descriptors that are not the daemon's.
+    Spares,
     /// A fault.
     Refused(Verdict),
 }
@@ -240,16 +251,21 @@ fn ask(number: i64, arguments: &[usize; 6]) -> Answer {
     }
     let refused = |verdict| if caller == Caller::Loader { Answer::Passed } else { Answer::Refused(verdict) };
     let argument = |index: usize| arguments[index] as i32;
+    let on_descriptor =
+        |fd| if shield::descriptors::refuses(fd) { Answer::Denied(libc::EBADF) } else { Answer::Passed };
     let (process, signal) = match number {
+        libc::SYS_close => return on_descriptor(argument(0)),
+        libc::SYS_close_range => return Answer::Spares,
+        number if arch::OVERWRITES.contains(&number) => return on_descriptor(argument(1)),
         libc::SYS_exit if caller == Caller::Thread => return Answer::Passed,
         libc::SYS_exit | libc::SYS_exit_group => return refused(Verdict::Leaves),
         libc::SYS_rt_sigaction | libc::SYS_rt_sigprocmask => return Answer::Question(1),
         libc::SYS_sigaltstack => return Answer::Question(0),
         // A filter could end the thread, or the process; a limit what the daemon writes.
-        libc::SYS_seccomp | libc::SYS_setrlimit => return Answer::Denied,
+        libc::SYS_seccomp | libc::SYS_setrlimit => return Answer::Denied(libc::EPERM),
         // Who only asks, or means another process.
         libc::SYS_prlimit64 if arguments[2] == 0 || !shield::is_self(argument(0)) => return Answer::Passed,
-        libc::SYS_prlimit64 => return Answer::Denied,
+        libc::SYS_prlimit64 => return Answer::Denied(libc::EPERM),
         // A thread's number is hardly ever another process's.
         libc::SYS_tkill => (0, argument(1)),
         libc::SYS_tgkill | libc::SYS_rt_tgsigqueueinfo => (argument(0), argument(2)),

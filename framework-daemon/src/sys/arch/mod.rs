@@ -13,8 +13,8 @@ mod processor;
 mod processor;
 
 pub use processor::{
-    AUDIT_ARCH, allow_unaligned, arguments, continue_at, fetch_line, link, position, registers, restore_float_control,
-    resume, return_address, set_result, strike, system_call, waits,
+    AUDIT_ARCH, OVERWRITES, allow_unaligned, arguments, continue_at, fetch_line, link, position, registers,
+    restore_float_control, resume, return_address, set_result, strike, system_call, waits,
 };
 
 /// In a signal handler that does not return: lets the signals through again that it holds back.

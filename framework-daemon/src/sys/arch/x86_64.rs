@@ -94,6 +94,9 @@ pub fn strike() {
     unsafe { asm!("ud2") }
 }
 
+/// System calls that put a descriptor in the place of another one.
+pub const OVERWRITES: [i64; 2] = [libc::SYS_dup2, libc::SYS_dup3];
+
 /// As the kernel names this processor to a filter of system calls.
 pub const AUDIT_ARCH: u32 = 0xC000_003E;
 

@@ -3,7 +3,7 @@
 //!
 //! Called by the daemon itself they do what they always did. Called by plugin code they have no effect on what containment
 //! rests on, or are a fault of the caller: `leave` and `replace` the end of the process, `send` signals sent, `signals`
-//! and `waits` handlers and masks, `threads` threads.
+//! and `waits` handlers and masks, `threads` threads, `descriptors` those that the daemon opened (`opens`).
 #![allow(unsafe_code, reason = "address of unsafe: the C library's own functions behind ours")]
 
 use std::cell::Cell;
@@ -13,6 +13,9 @@ use std::sync::atomic::{AtomicBool, AtomicI32, AtomicPtr, Ordering};
 
 use super::{arch, foreign, trap};
 
+/// The daemon's descriptors.
+pub mod descriptors;
+
 /// Handlers of plugins.
 pub mod handlers;
 
@@ -21,6 +24,9 @@ pub mod leave;
 
 /// Limits and filters of the whole process.
 pub mod limits;
+
+/// Descriptors that are made.
+pub mod opens;
 
 /// Another program in the process's place.
 pub mod replace;
@@ -76,14 +82,25 @@ pub(super) fn stand_down() {
     ENDING.store(true, Ordering::Release);
 }
 
+static TABLES: [Reals; 9] = [
+    descriptors::REALS,
+    leave::REALS,
+    limits::REALS,
+    opens::REALS,
+    replace::REALS,
+    send::REALS,
+    signals::REALS,
+    threads::REALS,
+    waits::REALS,
+];
+
 /// Looks the C library's functions up and makes harmless what would end the process by default; once in a process.
 pub fn install() {
     if PROCESS.swap(own_process(), Ordering::AcqRel) != 0 {
         return;
     }
-    let tables =
-        [leave::REALS, replace::REALS, limits::REALS, send::REALS, signals::REALS, threads::REALS, waits::REALS];
-    tables.into_iter().flatten().for_each(|real| real.resolve());
+    TABLES.iter().copied().flatten().for_each(|real| real.resolve());
+    descriptors::own_streams();
     // SAFETY: the function stores a flag, which any child may do.
     unsafe { libc::pthread_atfork(None, None, Some(note_fork)) };
     signals::quiet();
@@ -127,10 +144,13 @@ pub(super) fn caller() -> Caller {
     } else {
         return Caller::Daemon;
     };
-    // A child that shares our memory (`vfork`) has only its number of its own.
+    if is_child() || ENDING.load(Ordering::Acquire) { Caller::Daemon } else { guest }
+}
+
+/// True in any child of the daemon: one that shares our memory (`vfork`) has only its number of its own.
+fn is_child() -> bool {
     let process = PROCESS.load(Ordering::Acquire);
-    let is_child = is_copy() || (process != 0 && process != own_process());
-    if is_child || ENDING.load(Ordering::Acquire) { Caller::Daemon } else { guest }
+    is_copy() || (process != 0 && process != own_process())
 }
 
 /// A function of the C library behind one of ours.

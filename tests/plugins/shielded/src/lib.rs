@@ -9,6 +9,9 @@ use component_sdk::prelude::*;
 /// On its own thread: what would end the process.
 mod astray;
 
+/// Descriptors of others.
+mod descriptors;
+
 /// What a process may do all the same.
 mod lawful;
 
@@ -60,9 +63,14 @@ fn commit(deed: &str) -> Outcome {
         "exit" => std::process::exit(0),
         // SAFETY: as above.
         "exit now" => unsafe { libc::_exit(0) },
-        _ => return raw::commit(deed).or_else(|()| lawful::commit(deed)).unwrap_or_else(|()| astray::commit(deed)),
+        _ => return elsewhere(deed),
     }
     Ok(())
+}
+
+fn elsewhere(deed: &str) -> Outcome {
+    let known = raw::commit(deed).or_else(|()| lawful::commit(deed)).or_else(|()| descriptors::commit(deed));
+    known.unwrap_or_else(|()| astray::commit(deed))
 }
 
 /// Fails when its thread ends.

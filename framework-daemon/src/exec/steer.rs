@@ -24,10 +24,10 @@ impl Member {
         self.state()
     }
 
-    /// `start` of a slot that was stopped: of the same instance, unless it gave something to tasks. They have come to their
-    /// end with what was moved into them; a second `start` would find closed ports.
+    /// `start` of a slot that was stopped: of the same instance, unless it gave something to tasks, or was spent by its stop.
+    /// Tasks have come to their end with what was moved into them; a second `start` would find closed ports.
     fn start_again(&mut self, crew: &mut Crew) {
-        let is_whole = self.unit.as_ref().is_none_or(|unit| unit.is_whole());
+        let is_whole = self.unit.as_ref().is_some_and(|unit| unit.is_whole());
         if is_whole || self.state() != State::Inactive {
             return self.start(crew);
         }

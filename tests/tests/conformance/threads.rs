@@ -105,6 +105,24 @@ fn a_slot_that_starts_again_has_its_tasks_and_they_their_ports() {
 }
 
 #[test]
+fn a_slot_whose_task_was_ended_by_force_starts_again_with_another_instance() {
+    for transport in [Transport::Near, Transport::Far] {
+        let profiles = profiles(transport, "hang");
+        let mut daemon = Running::start(profiles.path(), &[]);
+        let works = || daemon.until("its task", || info(&daemon).contains("hangs"));
+        works();
+        order(&daemon, "stop");
+        let faults = daemon.journal("fault", 1);
+        assert_eq!((&faults[0]["slot"], &faults[0]["symptom"]), (&"tasker".into(), &"hang".into()), "{faults:?}");
+        order(&daemon, "start");
+        works();
+        let slots = daemon.stop();
+        let tasker = slots.iter().find(|slot| slot["slot"] == "tasker").expect("it is listed");
+        assert_eq!(tasker["quarantined"], 2, "{slots:?}");
+    }
+}
+
+#[test]
 fn a_slot_that_is_reset_after_a_fault_stopped_it_has_its_tasks_again() {
     for transport in [Transport::Near, Transport::Far] {
         let (_profiles, mut daemon) = lending(transport, &["--inject", "tasker:error@0.5"]);

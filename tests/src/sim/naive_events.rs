@@ -107,11 +107,8 @@ impl Model {
         self.end_activations(life, Status::Disconnected);
     }
 
-    /// A client leads to that server; one that does already goes on.
+    /// A client leads to that server, and what it had activated is over, be it the same one.
     pub(super) fn connect_events(&mut self, life: usize, server: usize) {
-        if self.listeners[life].server == Some(server) {
-            return;
-        }
         self.cut_events(life);
         self.listeners[life].server = Some(server);
         self.last += 1;

@@ -4,7 +4,7 @@
 //! A lane has a fiber of its own, so that a handler which traps or hangs is ended as any other: whoever asked goes on, and has
 //! as much time then as after any wait. What a handler leaves behind, other than its answer, the
 //! executor sees to: the callback that asked waits, and the member takes up what happened in its lane as if it had
-//! entered the handler itself ([`super::member::Member::take_up_aside`]).
+//! entered the handler itself (`Member::take_up_aside`).
 //!
 //! An executor that enters the handler itself after the callback waits was the alternative: it takes three times as long.
 #![allow(unsafe_code, reason = "address of unsafe: what the executor's thread only touches, behind a shared reference")]

@@ -1,5 +1,5 @@
 //! Where the daemon comes by its descriptors: the functions of the C library that it and its libraries call for that. Each
-//! does what it always did, and notes whose the new number is ([`super::descriptors`]).
+//! does what it always did, and notes whose the new number is (`descriptors`).
 #![allow(unsafe_code, reason = "address of unsafe: symbol interposition")]
 
 use std::ffi::{c_char, c_int, c_uint};

@@ -115,7 +115,8 @@ fn receive_not_yet(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String>
 fn receive_unknown_id(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
     let id = text(asker.tell.request(ask(todo::ANSWER, 1)))?;
     text(asker.tell.discard(id))?;
-    same(number(asker.tell.receive(id)), Err(Status::WrongId))
+    same(number(asker.tell.receive(id)), Err(Status::WrongId))?;
+    leave_nothing(asker)
 }
 
 fn receive_error_consumes(asker: &mut Asker, cx: &mut Context<'_>) -> Result<(), String> {
@@ -141,7 +142,8 @@ fn receive_wait_answer_consumes(asker: &mut Asker, _: &mut Context<'_>) -> Resul
 fn receive_wait_unknown_id(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
     let id = text(asker.tell.request(ask(todo::ANSWER, 1)))?;
     text(asker.tell.discard(id))?;
-    same(number(asker.tell.receive_wait(id)), Err(Status::WrongId))
+    same(number(asker.tell.receive_wait(id)), Err(Status::WrongId))?;
+    leave_nothing(asker)
 }
 
 fn receive_wait_cancelled_keeps_id(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
@@ -182,7 +184,13 @@ fn discard_invalidates(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), Str
 fn discard_unknown_id(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {
     let id = text(asker.tell.request(ask(todo::ANSWER, 1)))?;
     same(asker.tell.discard(id), Ok(()))?;
-    same(asker.tell.discard(id), Err(Status::WrongId))
+    same(asker.tell.discard(id), Err(Status::WrongId))?;
+    leave_nothing(asker)
+}
+
+/// What was discarded has a place until the server has seen it: when it answers the next one, it has.
+fn leave_nothing(asker: &mut Asker) -> Result<(), String> {
+    same(number(asker.tell.query(ask(todo::ANSWER, 1))), Ok(2))
 }
 
 fn many_pending_any_order(asker: &mut Asker, _: &mut Context<'_>) -> Result<(), String> {

@@ -131,6 +131,26 @@ fn ports_are_listed_and_described() {
 }
 
 #[test]
+fn a_port_is_told_with_the_name_that_its_component_gave_it() {
+    let nameless = "<properties><property name=\"name\" type=\"string\">other</property></properties>";
+    let profiles = Profiles::new(&application(&[slot("lister", "Lister", nameless)], &[]));
+    profiles.describe(&plugin_dir().join("liblinks.so"));
+    let daemon = Running::start(profiles.path(), &[]);
+    daemon.wait_for("shown as other");
+    let listed = done(ask(&daemon, "port list --format json")).json();
+    assert_eq!((&listed[0]["port"], &listed[0]["known_as"]), (&json!("ask"), &json!("other")));
+    for asked in ["port list", "component info lister"] {
+        let text = done(ask(&daemon, asked)).out;
+        assert!(text.contains("ask (known as other)"), "{asked}: {text}");
+    }
+    // By either.
+    for port in ["ask", "other"] {
+        let info = done(ask(&daemon, &format!("port info lister.{port} --format json"))).json().remove(0);
+        assert_eq!((&info["port"]["port"], &info["port"]["known_as"]), (&json!("ask"), &json!("other")));
+    }
+}
+
+#[test]
 fn connections_that_a_component_makes_are_seen_while_they_change() {
     let slots = [
         slot("one", "Ticker", ""),

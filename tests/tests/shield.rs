@@ -110,7 +110,9 @@ fn where_no_filter_is_permitted_the_log_says_so_and_all_else_is_contained() {
     refuse_filters();
     contained("exit", "crash.exit");
     contained("thread null", "crash.segv");
-    let mut daemon = Running::start(culprit("syscall exit_group").path(), &[]);
+    let profiles = culprit("syscall exit_group");
+    // It may be over before it is ready.
+    let mut daemon = Running::spawn(profiles.path(), &[]);
     daemon.wait_for("allow `seccomp` and `no_new_privs`");
     assert_eq!(daemon.wait().code(), Some(0), "what is left");
 }

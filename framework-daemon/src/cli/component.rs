@@ -7,6 +7,7 @@ use clap::{Args, Subcommand};
 use serde_json::{Map, Value};
 
 use super::exit_code::Exit;
+use super::port;
 use super::remote::{Remote, fields, parameters, section};
 use crate::control::views::{cell, table};
 use crate::model::limits::{RESETS_DEFAULT, RESETS_WINDOW};
@@ -189,7 +190,9 @@ fn describe(component: &Value) -> Vec<String> {
     lines.extend(section("properties", &["name", "type", "value"], &rows("properties")));
     lines.extend(section("secondaries", &["class", "preload"], &rows("secondaries")));
     lines.extend(section("tasks", &["task", "runs", "count"], &rows("tasks")));
-    lines.extend(section("ports", &["port", "direction", "type", "connections"], &rows("ports")));
+    let mut ports = rows("ports");
+    ports.iter_mut().for_each(|row| row["port"] = port::name(row).into());
+    lines.extend(section("ports", &["port", "direction", "type", "connections"], &ports));
     lines
 }
 

@@ -124,16 +124,26 @@ pub fn run(arguments: &Arguments, out: &mut impl Write) -> io::Result<Exit> {
 fn ports(rows: &[Value]) -> Vec<String> {
     let full = |row: &Value| {
         let mut row = row.clone();
-        row["port"] = format!("{}.{}", cell(&row["slot"]), cell(&row["port"])).into();
+        row["port"] = format!("{}.{}", cell(&row["slot"]), name(&row)).into();
         row
     };
     table(&COLUMNS, &rows.iter().map(full).collect::<Vec<_>>())
+}
+
+/// A port's name, and the one by which others find it.
+pub(super) fn name(port: &Value) -> String {
+    match (cell(&port["port"]), port["known_as"].as_str()) {
+        (own, None) => own,
+        (own, Some("")) => format!("{own} (unlisted)"),
+        (own, Some(known)) => format!("{own} (known as {known})"),
+    }
 }
 
 fn describe(answer: &Value) -> Vec<String> {
     let names = [
         "slot",
         "port",
+        "known_as",
         "is",
         "direction",
         "type",

@@ -159,9 +159,12 @@ impl Sight {
         }
         let own = || stream::owner(&directory, name).map(|entry| &entry.slot);
         let slot = Some(ports::shared().slot()).filter(|slot| slot.name == name.slot).map_or_else(own, Ok)?;
-        let found = views::ports(slot, &directory.wires()).into_iter().find(|port| port["port"] == *name.port);
+        let is_it =
+            |port: &Value| port["port"] == *name.port || (port["known_as"] == *name.port && !name.port.is_empty());
+        let found = views::ports(slot, &directory.wires()).into_iter().find(is_it);
+        let own = |port: &Value| port["port"].as_str().and_then(|own| views::port_layout(slot, own));
         let missing = || Refusal::NoSuchPort(name.clone(), directory::missing_port(slot, &name.port));
-        let (port, layout) = found.zip(views::port_layout(slot, &name.port)).ok_or_else(missing)?;
+        let (port, layout) = found.and_then(|port| own(&port).map(|layout| (port, layout))).ok_or_else(missing)?;
         Ok(json!({"port": shown.unwrap_or(port), "layout": layout}))
     }
 }

@@ -17,6 +17,7 @@ use crate::fault::manager::Outlook;
 use crate::model::lifecycle::State;
 use crate::model::limits::{LOST_THREADS_MAX, QUARANTINED_MAX, STACK_BYTES};
 use crate::model::time::nanoseconds;
+use crate::port::border::PortEnd;
 use crate::port::input::InPort;
 use crate::port::output::OutPort;
 use crate::port::pattern::event_client::EventClient;
@@ -24,6 +25,7 @@ use crate::port::pattern::event_server::EventServer;
 use crate::port::pattern::objects::Objects;
 use crate::port::pattern::provider::Provider;
 use crate::port::pattern::requestor::Requestor;
+use crate::port::registry;
 use crate::profile::plan::{Execution, Queue, SlotPlan, Trigger};
 use crate::supervise::monitors::MONITOR;
 use crate::sys::clock;
@@ -198,23 +200,54 @@ fn executor(plan: &SlotPlan) -> &str {
 /// The ports of a slot: inputs, outputs, clients, servers, event ports.
 #[must_use]
 pub fn ports(slot: &Slot, wires: &Wires) -> Vec<Value> {
-    let inputs = slot.inputs.iter().map(|port| input(slot.name, port, wires.of(port)));
-    let outputs = slot.outputs.iter().map(|port| output(slot.name, port, wires.of(port)));
-    let clients = slot.requestors.iter().map(|port| client(slot.name, port, wires.of(port)));
-    let servers = slot.providers.iter().map(|port| server(slot.name, port, wires.of(port)));
+    let known = |end, fields| known_as(slot, end, fields);
+    let inputs =
+        slot.inputs.iter().map(|port| known(PortEnd::In(port.clone()), input(slot.name, port, wires.of(port))));
+    let outputs =
+        slot.outputs.iter().map(|port| known(PortEnd::Out(port.clone()), output(slot.name, port, wires.of(port))));
+    let clients = slot
+        .requestors
+        .iter()
+        .map(|port| known(PortEnd::Requestor(port.clone()), client(slot.name, port, wires.of(port))));
+    let servers = slot
+        .providers
+        .iter()
+        .map(|port| known(PortEnd::Provider(port.clone()), server(slot.name, port, wires.of(port))));
     inputs.chain(outputs).chain(clients).chain(servers).chain(events(slot, wires)).collect()
 }
 
 /// The event ports of a slot.
 fn events<'a>(slot: &'a Slot, wires: &'a Wires) -> impl Iterator<Item = Value> + 'a {
-    let ports = &slot.events;
-    let inputs = ports.inputs.iter().map(|event| input(slot.name, &event.port, wires.of(&event.port)));
-    let outputs = ports.outputs.iter().map(|port| output(slot.name, port, wires.of(port)));
-    let streams =
-        inputs.map(|fields| turned(fields, "event input")).chain(outputs.map(|fields| turned(fields, "event output")));
-    let clients = ports.clients.iter().map(|port| event_client(slot.name, port, wires.of(port)));
-    let servers = ports.servers.iter().map(|port| event_server(slot.name, port, wires.of(port)));
-    streams.chain(clients).chain(servers)
+    let (ports, known) = (&slot.events, |end, fields| known_as(slot, end, fields));
+    let heard = |fields| turned(fields, "event input");
+    let told = |fields| turned(fields, "event output");
+    let inputs = ports.inputs.iter().map(move |event| {
+        known(PortEnd::EventIn(event.clone()), heard(input(slot.name, &event.port, wires.of(&event.port))))
+    });
+    let outputs = ports
+        .outputs
+        .iter()
+        .map(move |port| known(PortEnd::EventOut(port.clone()), told(output(slot.name, port, wires.of(port)))));
+    let clients = ports
+        .clients
+        .iter()
+        .map(move |port| known(PortEnd::EventClient(port.clone()), event_client(slot.name, port, wires.of(port))));
+    let servers = ports
+        .servers
+        .iter()
+        .map(move |port| known(PortEnd::EventServer(port.clone()), event_server(slot.name, port, wires.of(port))));
+    inputs.chain(outputs).chain(clients).chain(servers)
+}
+
+/// Adds the name by which others find a port, where its component gave it another than its own; empty: they do not.
+fn known_as(slot: &Slot, end: PortEnd, mut fields: Value) -> Value {
+    let is_listed = !slot.unlisted.contains(&end.name());
+    let entry = registry::Entry { slot: slot.name, end, is_listed };
+    let name = registry::shared().name_of(&entry).unwrap_or_default();
+    if name != entry.end.name() {
+        fields["known_as"] = name.into();
+    }
+    fields
 }
 
 fn turned(mut fields: Value, direction: &str) -> Value {

@@ -31,7 +31,9 @@ pub struct Shielded {
 impl Callbacks for Shielded {
     fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
         self.cycles += 1;
-        if self.cycles.is_multiple_of(3) {
+        // To print where both panics were takes long: one thread at a time does that.
+        let is_slow = self.deed == "thread double panic";
+        if self.cycles == 3 || self.cycles.is_multiple_of(3) && !is_slow {
             commit(&self.deed)?;
             info!(cx, "is over: {}", self.deed);
         }

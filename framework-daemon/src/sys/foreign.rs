@@ -287,8 +287,9 @@ pub fn listen() -> io::Result<Receiver<Report>> {
     Ok(receiver)
 }
 
-/// How long a panic is held back where its thread neither ends nor traps: somebody caught it.
-const PANIC_PATIENCE_NS: u64 = 20_000_000;
+/// How long a panic is held back where its thread neither ends nor traps: somebody caught it. Long, because on a busy machine a
+/// thread may not run for a while between a panic and the trap that follows from it, and that would be two faults.
+const PANIC_PATIENCE_NS: u64 = 1_000_000_000;
 
 /// Panics whose threads have not ended yet: one that ends in a trap of its thread (a panic in a drop) is one fault, the
 /// trap.

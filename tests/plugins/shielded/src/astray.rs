@@ -3,6 +3,7 @@
 
 use std::sync::atomic::{AtomicI32, Ordering};
 use std::thread;
+use std::time::Duration;
 
 use component_sdk::prelude::*;
 
@@ -100,6 +101,8 @@ struct Bomb;
 
 impl Drop for Bomb {
     fn drop(&mut self) {
+        // Both are one fault, however long it takes from one to the other.
+        thread::sleep(Duration::from_millis(100));
         panic!("in a drop");
     }
 }

@@ -6,10 +6,16 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use tests::sim::history::run;
 
 /// What a run of that length sees surely: a model that sees nothing proves nothing.
-const SEEN: [&str; 23] = [
+const SEEN: [&str; 33] = [
     "activations told of",
     "answers",
     "asked again",
+    "at once answered",
+    "at once kept for later",
+    "at once refused",
+    "at once refused by the lane",
+    "at once within another",
+    "at once, gave way",
     "cancelled",
     "cycles",
     "cycles begun",
@@ -24,6 +30,10 @@ const SEEN: [&str; 23] = [
     "provider gone",
     "provider replaced",
     "provider stopped",
+    "set aside by a panic",
+    "set aside by a trap",
+    "set aside with a note",
+    "set aside, waiting",
     "times at rest",
     "timeouts",
     "unanswered",

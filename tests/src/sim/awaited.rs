@@ -10,7 +10,7 @@ use component_sdk::status::Status;
 use super::model::{Call, EVENT_GATE, Model, PULL_GATE, PUSH_GATE, SERVERS, Wait};
 use super::naive_pushes::READERS;
 use super::script::Actor;
-use super::world::{Here, NO_DEADLINE_NS};
+use super::world::{Here, NO_DEADLINE_NS, World};
 
 /// What a wait must end with.
 pub(super) type End = Result<u64, Status>;
@@ -112,11 +112,40 @@ impl Model {
 }
 
 /// What is known when a wait begins.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Before {
     pub(super) at_once: Option<End>,
     what: Awaited,
     closings: u32,
     until_ns: u64,
+}
+
+impl World {
+    /// What must come of a wait that begins now; where it was asked for earlier, when its gate had been closed that often.
+    pub(super) fn before(&self, (slot, life): (usize, usize), what: Awaited, time: Time, asked: Option<u32>) -> Before {
+        let mut model = self.model();
+        let state = &model.slots[slot];
+        let (gates, ending) = (state.gates[what.gate()], state.ending);
+        let closings = asked.unwrap_or(gates.closings);
+        let peer = model.peer(slot, life, what);
+        let at_once = if let Some(end) = model.at_once(life, what, time != Time::NONE) {
+            Some(end)
+        } else if !gates.let_wait(closings) {
+            Some(Err(Status::Cancelled))
+        } else if peer.is_some_and(|peer| model.is_cycle(life, peer)) {
+            Some(Err(Status::Cycle))
+        } else if ending {
+            Some(Err(Status::Cancelled))
+        } else {
+            None
+        };
+        let until_ns = self.now_ns().saturating_add(time.0);
+        if at_once.is_none() {
+            model.waits_for[life] = peer;
+            model.slots[slot].wait = Some(Wait { what, until_ns, closings });
+        }
+        Before { at_once, what, closings, until_ns }
+    }
 }
 
 impl Actor<'_> {
@@ -136,27 +165,7 @@ impl Actor<'_> {
 
     /// What must come of a wait that begins now.
     pub(super) fn before(&self, what: Awaited, time: Time) -> Before {
-        let (mut model, life) = (self.world.model(), self.ends.life);
-        let slot = &model.slots[self.slot];
-        let (gates, ending, closings) = (slot.gates[what.gate()], slot.ending, slot.gates[what.gate()].closings);
-        let peer = model.peer(self.slot, life, what);
-        let at_once = if let Some(end) = model.at_once(life, what, time != Time::NONE) {
-            Some(end)
-        } else if !gates.let_wait(closings) {
-            Some(Err(Status::Cancelled))
-        } else if peer.is_some_and(|peer| model.is_cycle(life, peer)) {
-            Some(Err(Status::Cycle))
-        } else if ending {
-            Some(Err(Status::Cancelled))
-        } else {
-            None
-        };
-        let until_ns = self.world.now_ns().saturating_add(time.0);
-        if at_once.is_none() {
-            model.waits_for[life] = peer;
-            model.slots[self.slot].wait = Some(Wait { what, until_ns, closings });
-        }
-        Before { at_once, what, closings, until_ns }
+        self.world.before((self.slot, self.ends.life), what, time, None)
     }
 
     /// What came of it, compared with what must come of it now.
@@ -188,7 +197,7 @@ impl Actor<'_> {
 
     /// A place to wait in.
     pub(super) fn here(&self) -> Here<'_> {
-        Here { world: self.world, waited: AtomicBool::new(false) }
+        Here { world: self.world, slot: self.slot, waited: AtomicBool::new(false) }
     }
 }
 

@@ -71,10 +71,10 @@ impl Actor<'_> {
         Some((lent.id, number))
     }
 
-    /// It is on its way: what the model knows of it.
-    fn enter(&self, port: usize, number: u64) {
+    /// It is asked: what the model knows of it; where it is asked.
+    fn note(&self, port: usize, number: u64) -> Option<usize> {
         let mut model = self.world.model();
-        let Some(link) = model.slots[self.slot].links[port] else { return };
+        let link = model.slots[self.slot].links[port]?;
         let call = Call {
             from: (self.ends.life, port),
             one_way: port == SENDS,
@@ -86,7 +86,13 @@ impl Actor<'_> {
             fate: None,
         };
         model.calls.insert(number, call);
-        model.came(link.to, number);
+        Some(link.to)
+    }
+
+    /// It is on its way by the inbox.
+    fn enter(&self, port: usize, number: u64) {
+        let server = self.note(port, number);
+        server.into_iter().for_each(|server| self.world.model().came(server, number));
     }
 
     /// Sends a question, or a message, and goes on.
@@ -127,10 +133,19 @@ impl Actor<'_> {
             self.world.model().slots[self.slot].instance.stale.push((port, id));
             return;
         }
-        self.enter(port, number);
-        self.world.tell(|| format!("slot {} port {port}: query {number}", self.slot));
-        let before = self.before(Awaited::Answer(port, number), time);
-        let lent = self.ends.requestors[port].ask(id, time, &here);
+        let at_once = self.world.asks_at_once(self.slot, port);
+        self.world.tell(|| format!("slot {} port {port}: query {number}, at once: {at_once}", self.slot));
+        let (lent, before) = if at_once {
+            let _ = self.note(port, number);
+            self.ask_at_once((port, id), number, time, &here)
+        } else {
+            self.enter(port, number);
+            let before = self.before(Awaited::Answer(port, number), time);
+            (self.ends.requestors[port].ask(id, time, &here), Some(before))
+        };
+        let Some(before) = before else {
+            return self.world.wrong(format!("query {number} is not answered at once"));
+        };
         let end = answer_in(&lent);
         self.after(&before, end, &here);
         self.answered(port, number, &lent);

@@ -2,16 +2,19 @@
 //! time.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 use framework_daemon::sys::bell::{Ring, Rings};
 use framework_daemon::sys::fiber::NEVER;
-use framework_daemon::sys::fiber_pool::{FiberPool, Progress, Ticket};
+use framework_daemon::sys::fiber_pool::{Progress, Ticket};
 
+use super::lane::{self, STACK_BYTES};
 use super::model::State;
 use super::script::{Job, Script, Way};
 use super::world::World;
 
-const STACK_BYTES: usize = 256 << 10;
+/// What an executor does at most so that its slots are at rest.
+const CALM: usize = 16;
 
 /// A slot's callback that may wait.
 #[derive(Default)]
@@ -24,7 +27,6 @@ pub(super) struct Strand {
 /// An executor.
 #[derive(Default)]
 struct Executor {
-    fibers: FiberPool<Script>,
     /// Its thread is in the middle of a callback of this slot, and another thread runs.
     busy: Option<(usize, Ticket)>,
 }
@@ -74,7 +76,7 @@ impl Executors {
     pub(super) fn run(&mut self, executor: usize) -> bool {
         self.world.take_thread(&self.world.bells[executor]);
         if let Some((slot, ticket)) = self.executors[executor].busy.take() {
-            let progress = self.executors[executor].fibers.go_on(ticket, NEVER, true);
+            let progress = lane::fibers(slot).borrow_mut().go_on(ticket, NEVER, true);
             self.settle(slot, progress);
             return true;
         }
@@ -104,6 +106,10 @@ impl Executors {
 
     /// A period begins; false: not now.
     pub(super) fn execute(&mut self, slot: usize) -> bool {
+        if self.world.turns_at_once > 0 && self.world.dice.once_in(2) {
+            // Then those that it asks are at rest.
+            self.calm(self.executor(slot));
+        }
         let is_idle = self.state(slot) == State::Active && !self.waits(slot) && self.is_free(slot);
         if is_idle {
             self.begin(slot, Job::Execute);
@@ -111,12 +117,23 @@ impl Executors {
         is_idle
     }
 
+    /// An executor does all that there is to do, for some time.
+    fn calm(&mut self, executor: usize) {
+        for _ in 0..CALM {
+            if !self.world.step() || !self.run(executor) {
+                return;
+            }
+        }
+    }
+
     pub(super) fn begin(&mut self, slot: usize, job: Job) {
         let executor = self.executor(slot);
         self.world.take_thread(&self.world.bells[executor]);
         let (world, ends) = (Arc::clone(&self.world), self.world.ends(slot));
         let script = Box::new(Script { world, slot, ends, job, way: Way::Returned });
-        match self.executors[executor].fibers.begin(STACK_BYTES, NEVER, true, script) {
+        self.world.enter(executor, slot);
+        let begun = lane::fibers(slot).borrow_mut().begin(STACK_BYTES, NEVER, true, script);
+        match begun {
             Ok(progress) => self.settle(slot, Some(progress)),
             Err(error) => self.world.wrong(format!("no fiber: {error}")),
         }
@@ -126,29 +143,51 @@ impl Executors {
     pub(super) fn go_on(&mut self, slot: usize, may_wait: bool) {
         let executor = self.executor(slot);
         self.world.take_thread(&self.world.bells[executor]);
-        let Some((ticket, _)) = self.strands[slot].waiting.take() else { return };
-        let progress = self.executors[executor].fibers.go_on(ticket, NEVER, may_wait);
+        let Some(ticket) = self.take_ticket(slot) else { return };
+        if may_wait {
+            self.world.enter(executor, slot);
+        }
+        let progress = lane::fibers(slot).borrow_mut().go_on(ticket, NEVER, may_wait);
         self.settle(slot, progress);
     }
 
     /// Nobody will go on with it.
     pub(super) fn abandon(&mut self, slot: usize) {
-        let executor = self.executor(slot);
-        if let Some((ticket, _)) = self.strands[slot].waiting.take() {
-            self.executors[executor].fibers.abandon(ticket);
-            self.executors[executor].fibers.bury();
+        if let Some(ticket) = self.take_ticket(slot) {
+            let fibers = lane::fibers(slot);
+            fibers.borrow_mut().abandon(ticket);
+            fibers.borrow_mut().bury();
         }
     }
 
+    fn take_ticket(&mut self, slot: usize) -> Option<Ticket> {
+        self.world.waiting[slot].store(false, Ordering::Relaxed);
+        self.strands[slot].waiting.take().map(|(ticket, _)| ticket)
+    }
+
+    /// What follows a stretch of a callback, and then what was entered from within it and is to be taken up.
     fn settle(&mut self, slot: usize, progress: Option<Progress<Script>>) {
         let executor = self.executor(slot);
         match progress {
+            Some(Progress::Waits(ticket, _)) if self.world.take_gave_way() => {
+                self.executors[executor].busy = Some((slot, ticket));
+                return;
+            }
+            progress => {
+                self.world.leave(executor);
+                self.conclude(slot, progress);
+            }
+        }
+        while let Some((slot, progress)) = self.world.take_news(executor) {
+            self.conclude(slot, Some(progress));
+        }
+    }
+
+    fn conclude(&mut self, slot: usize, progress: Option<Progress<Script>>) {
+        match progress {
             Some(Progress::Waits(ticket, until_ns)) => {
-                if self.world.take_gave_way() {
-                    self.executors[executor].busy = Some((slot, ticket));
-                } else {
-                    self.strands[slot].waiting = Some((ticket, until_ns));
-                }
+                self.world.waiting[slot].store(true, Ordering::Relaxed);
+                self.strands[slot].waiting = Some((ticket, until_ns));
             }
             Some(Progress::Done(script)) => self.ended(slot, script.way),
             Some(Progress::Trapped(_)) | None => self.world.wrong(format!("the fiber of slot {slot} is gone")),

@@ -6,6 +6,11 @@
 //! Real are the ends in `framework_daemon::port`, their wiring by name, fibers, bells and signals. Played are the executors' loop, the
 //! plugins and the recovery, so that the order of everything is drawn by lot and comes again with the same seed. A
 //! callback gives its executor's thread up between any two operations, too: then other executors run.
+//!
+//! In some of the worlds a question whose server shares the executor and is at rest is answered at once, from where it is
+//! asked: the handler runs on a fiber within the callback of whoever asked. The lanes are played as well. The model
+//! says which questions those are, and the same of their ends as of all others. What is counted says how they went: "at once ..."
+//! and "set aside ...".
 
 /// Random numbers that come again.
 pub(crate) mod dice;
@@ -27,6 +32,12 @@ mod world;
 
 /// The ends of a slot's ports.
 mod ends;
+
+/// The way into a slot's handler from where another one asks.
+mod lane;
+
+/// What must be of questions that are answered at once.
+mod at_once;
 
 /// What a slot is entered for.
 mod serving;

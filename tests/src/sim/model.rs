@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, VecDeque};
 use component_sdk::status::Status;
 use framework_daemon::port::pattern::provider::Openness;
 
+use super::at_once::AtOnce;
 use super::awaited::Awaited;
 use super::naive_events::{Activation, Listener, Teller};
 use super::naive_pushes::{Reader, Writer};
@@ -183,6 +184,8 @@ pub(super) struct Slot {
     pub(super) gates: [Gates; GATES],
     pub(super) instance: Instance,
     pub(super) wait: Option<Wait>,
+    /// A question of it that is to be answered at once.
+    pub(super) at_once: Option<AtOnce>,
     /// Its callback may not wait any more.
     pub(super) ending: bool,
 }

@@ -75,6 +75,7 @@ impl Executors {
         for slot in 0..self.world.slots.len() {
             (0..PORTS).for_each(|port| connect(&self.world, slot, port));
             links::connect_events(&self.world, slot);
+            self.world.furnish(slot);
             (0..READERS).for_each(|which| links::connect_reader(&self.world, slot, which));
             self.start(slot);
         }
@@ -221,7 +222,7 @@ impl Executors {
         let mut model = self.world.model();
         let Instance { kept, .. } = std::mem::take(&mut model.slots[slot].instance);
         model.slots[slot].instance.stale_kept = kept.into_iter().map(|(server, id, _)| (server, id)).collect();
-        model.slots[slot].wait = None;
+        (model.slots[slot].wait, model.slots[slot].at_once) = (None, None);
         model.waits_for[ends.life] = None;
         (0..PORTS).for_each(|port| model.abandon((ends.life, port)));
         for gates in &mut model.slots[slot].gates {
@@ -289,6 +290,7 @@ impl Executors {
         drop(model);
         self.world.tell(|| format!("slot {slot} is built anew on executor {executor}"));
         *self.world.slots[slot].try_lock().expect("one thread") = ends;
+        self.world.furnish(slot);
         links::announce(&self.world);
         if Arc::strong_count(&old) != 1 {
             self.world.wrong(format!("somebody is still in slot {slot}"));

@@ -69,10 +69,9 @@ impl Executors {
         let has_value = handled.is_some_and(|handled| !handled.queue.is_empty());
         let has_tick = model.writers[ends.life].ticked;
         let has_event = !model.listeners[ends.life].queue.is_empty();
-        let untold = model.next_activation(ends.life, (0, 0), false).is_some();
+        let has_work = model.has_work(ends.life);
         let is_free = model.slots[slot].state == State::Active && !self.waits(slot);
         drop(model);
-        let has_work = waits.contains(&true) || has_value || has_tick || has_event || untold;
         world.same(|| format!("something waits for slot {slot}, which is free"), is_free && has_work, false);
         let really: Vec<_> = ends.providers.iter().map(|port| port.waits()).collect();
         world.same(|| format!("calls are to be served at slot {slot}"), really, waits);

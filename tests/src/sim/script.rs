@@ -64,7 +64,10 @@ impl Errand for Script {
             puts: Cell::new(false),
         };
         match self.job {
-            Job::Execute => actor.ramble(1 + self.world.dice.below(LENGTH)),
+            Job::Execute => {
+                actor.ask_first();
+                actor.ramble(1 + self.world.dice.below(LENGTH));
+            }
             Job::Serve(id, number) => actor.serve(id, number),
             Job::Take(id, number) => actor.take(id, number),
             Job::Told(number) => actor.hear_of(number),
@@ -121,6 +124,14 @@ impl Actor<'_> {
             if fiber::park(NEVER).is_err() {
                 self.world.set_gave_way(false);
             }
+        }
+    }
+
+    /// In a world with lanes: asks while others are at rest still.
+    pub(super) fn ask_first(&self) {
+        let dice = &self.world.dice;
+        if self.world.turns_at_once > 0 && dice.once_in(3) && !self.world.is_quiet() && self.world.step() {
+            self.query(dice.below(SENDS));
         }
     }
 

@@ -18,6 +18,11 @@ impl Actor<'_> {
     pub(super) fn serve(&self, id: u64, number: u64) {
         let dice = &self.world.dice;
         self.world.tell(|| format!("slot {}: serves {number}", self.slot));
+        if dice.once_in(8) {
+            let is = self.ends.providers[ANSWERS].answer(id);
+            self.world.same(|| format!("answering {number} with nothing on loan"), is, Err(Status::NotAllowed));
+        }
+        self.ask_first();
         self.ramble(dice.below(3));
         if self.is_over() {
             if self.world.is_right() && self.way_is(Way::Panicked) {
@@ -26,20 +31,32 @@ impl Actor<'_> {
             }
             return;
         }
-        match dice.below(16) {
+        match dice.below(17) {
             0..10 => self.finish(id, number, None),
-            10..13 => self.world.model().slots[self.slot].instance.kept.push((ANSWERS, id, number)),
+            10..13 => self.keep(id, number),
             13 => self.finish(id, number, Some(Status::Error)),
             14 => {
                 self.finish(id, number, None);
                 self.ramble(2);
             }
-            _ if dice.once_in(4) => {
+            15 if dice.once_in(2) => {
                 let _ = self.answer_on_loan(id, number);
                 self.end(Way::Trapped);
             }
+            16 if dice.once_in(2) => {
+                self.end(Way::Panicked);
+                self.finish(id, number, Some(Status::Error));
+            }
             _ => self.finish(id, number, Some(Status::NotAllowed)),
         }
+    }
+
+    /// It is answered later; now and then its answer is begun now.
+    fn keep(&self, id: u64, number: u64) {
+        if self.world.dice.once_in(3) {
+            let _ = self.answer_on_loan(id, number);
+        }
+        self.world.model().slots[self.slot].instance.kept.push((ANSWERS, id, number));
     }
 
     /// The handler of a message: it may last, and ends with it.

@@ -12,6 +12,7 @@ use framework_daemon::sys::seat::{self, Owner};
 
 use super::dice::Dice;
 use super::ends::Ends;
+use super::lane::Aside;
 use super::links;
 use super::model::{self, GATES, Gates, Model, PORTS, Slot, State};
 
@@ -29,6 +30,12 @@ pub(super) struct World {
     pub(super) deadlines: bool,
     /// Calls that a client port may have open.
     pub(super) pending: usize,
+    /// Questions that a callback may have answered at once; 0: this world has no lanes.
+    pub(super) turns_at_once: usize,
+    /// By executor.
+    pub(super) asides: Vec<Mutex<Aside>>,
+    /// By slot: its callback waits.
+    pub(super) waiting: Vec<AtomicBool>,
     pub(super) slots: Vec<Mutex<Arc<Ends>>>,
     pub(super) registry: Registry,
     pub(super) bells: Vec<Arc<Bell>>,
@@ -56,6 +63,9 @@ impl World {
         let mut world = Self {
             deadlines: dice.once_in(2),
             pending: 1 + dice.below(4),
+            turns_at_once: dice.below(4),
+            asides: (0..executors).map(|_| Mutex::default()).collect(),
+            waiting: (0..count).map(|_| AtomicBool::new(false)).collect(),
             slots: Vec::new(),
             registry: Registry::default(),
             bells: (0..executors).map(|_| Bell::new()).collect(),
@@ -83,6 +93,7 @@ impl World {
                 gates: [Gates { slot: false, ..Gates::OPEN }; GATES],
                 instance: model::Instance::default(),
                 wait: None,
+                at_once: None,
                 ending: false,
             };
             ends.set_blocking(false);
@@ -226,6 +237,7 @@ impl World {
 /// A wait in a history: its fiber waits, its time is the history's.
 pub(super) struct Here<'a> {
     pub(super) world: &'a World,
+    pub(super) slot: usize,
     /// It did wait.
     pub(super) waited: AtomicBool,
 }
@@ -236,6 +248,12 @@ impl Place for Here<'_> {
     }
 
     fn park(&self, until_ns: u64) -> Result<(), NotHere> {
+        if self.world.is_set_aside(self.slot) {
+            self.world.same(|| "until when who asked at once waits".to_owned(), until_ns, self.now_ns());
+            let parked = fiber::park(until_ns);
+            self.world.begin_to_wait(self.slot);
+            return parked;
+        }
         self.waited.store(true, Ordering::Relaxed);
         fiber::park(until_ns)
     }

@@ -127,7 +127,7 @@ impl Direct {
 mod tests {
     use std::sync::Mutex;
 
-    use component_sdk::abi::calls::{Lent, Wait};
+    use component_sdk::abi::calls::{Lent, Wait, Whose};
     use component_sdk::object::CommObject;
 
     use super::super::objects::Objects;
@@ -283,6 +283,24 @@ mod tests {
         });
         assert_eq!(ask(client.get_or_init(|| own), &nobody_waits), Err(Status::Disconnected));
         assert_eq!(*seen.lock().unwrap(), Err(Status::Disconnected));
+    }
+
+    #[test]
+    fn a_gate_that_was_closed_for_a_moment_while_the_handler_ran_ends_the_wait() {
+        let client: Arc<OnceLock<Requestor>> = Arc::default();
+        let (gate, is_answered) = (Arc::clone(&client), Arc::new(AtomicBool::new(false)));
+        let answers = Arc::clone(&is_answered);
+        let (own, _server, _) = pair(move |server, id| {
+            [false, true].into_iter().for_each(|on| gate.get().unwrap().blocking(Whose::Port, on));
+            if answers.load(Ordering::Relaxed) {
+                answer(server, id).unwrap();
+            }
+            Served::Done
+        });
+        let client = client.get_or_init(|| own);
+        assert_eq!(ask(client, &nobody_waits), Err(Status::Cancelled));
+        is_answered.store(true, Ordering::Relaxed);
+        assert_eq!(ask(client, &nobody_waits), Ok(6), "what is there is given out");
     }
 
     #[test]

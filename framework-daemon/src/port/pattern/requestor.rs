@@ -220,7 +220,9 @@ impl Requestor {
 
     /// Sends the request on loan and waits for the answer; whatever comes instead ends the call.
     pub fn ask(&self, id: u64, wait: Wait, place: &impl Place) -> Lent {
-        match self.ask_at_once(id, wait) {
+        // Before the handler may be entered from here: what closes the gate meanwhile ends the wait.
+        let closings = self.gate.closings();
+        match self.ask_at_once(id, wait, closings) {
             Served::Not => {
                 if let Err(status) = self.send(id) {
                     return Lent::refused(status);
@@ -230,7 +232,7 @@ impl Requestor {
             // The executor sees to the server, then this goes on.
             Served::Aside => _ = place.park(place.now_ns()),
         }
-        let lent = self.receive(id, wait, place);
+        let lent = self.receive_since(closings, id, wait, place);
         if lent.status != 0
             && let Ok((call, generation, _)) = self.call(id, ClientState::Sent)
         {
@@ -240,10 +242,9 @@ impl Requestor {
     }
 
     /// Has the server's handler entered from here, where it is at rest and shares this executor.
-    fn ask_at_once(&self, id: u64, wait: Wait) -> Served {
-        let is_open = |provider: &&Provider| {
-            wait != Wait::NONE && provider.is_open_at_once() && self.gate.lets_wait(self.gate.closings())
-        };
+    fn ask_at_once(&self, id: u64, wait: Wait, closings: u32) -> Served {
+        let is_open =
+            |provider: &&Provider| wait != Wait::NONE && provider.is_open_at_once() && self.gate.lets_wait(closings);
         let epoch = self.client.epoch();
         let Some(provider) = self.provider().filter(is_open) else { return Served::Not };
         let Ok((call, generation, index)) = self.call(id, ClientState::Loan) else { return Served::Not };
@@ -263,11 +264,16 @@ impl Requestor {
 
     /// Lends the answer, waits for it if asked to.
     pub fn receive(&self, id: u64, wait: Wait, place: &impl Place) -> Lent {
+        self.receive_since(self.gate.closings(), id, wait, place)
+    }
+
+    /// The same for a wait that began when the gate had been closed that often.
+    fn receive_since(&self, closings: u32, id: u64, wait: Wait, place: &impl Place) -> Lent {
         let (call, generation, _) = match self.call(id, ClientState::Sent) {
             Ok(call) => call,
             Err(status) => return Lent::refused(status),
         };
-        match self.await_end(call, generation, wait, place) {
+        match self.await_end(closings, (call, generation), wait, place) {
             Ok(Look::Answered) => {
                 call.set_client(generation, ClientState::Lent);
                 Lent { value: call.answer.value(), id, status: 0, initialised: true }
@@ -282,12 +288,17 @@ impl Requestor {
     }
 
     /// How a call ended; an error: it has not, and is not waited for any longer.
-    fn await_end(&self, call: &Call, generation: u32, wait: Wait, place: &impl Place) -> Result<Look, Status> {
+    fn await_end(
+        &self,
+        closings: u32,
+        (call, generation): (&Call, u32),
+        wait: Wait,
+        place: &impl Place,
+    ) -> Result<Look, Status> {
         let look = self.look(call, generation);
         if look != Look::Open || wait == Wait::NONE {
             return Ok(look);
         }
-        let closings = self.gate.closings();
         if !self.gate.lets_wait(closings) {
             return Err(Status::Cancelled);
         }

@@ -230,7 +230,7 @@ pub enum Hook {
 
 /// What a callback is entered with.
 #[repr(C)]
-#[derive(StableAbi)]
+#[derive(StableAbi, Clone, Copy)]
 pub struct CallArgs<'a> {
     /// Which one.
     pub hook: Hook,

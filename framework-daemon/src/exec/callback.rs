@@ -24,48 +24,82 @@ pub type Fibers = FiberPool<Frame>;
 /// What a callback is entered with.
 #[derive(Clone, Copy)]
 pub struct Call<'a> {
-    /// Which one.
-    pub hook: Hook,
-    /// Fault to provoke; 0: none.
-    pub inject: u8,
-    /// The fault that led here.
-    pub fault: FaultArgs<'a>,
+    /// As it crosses the border, but for the time.
+    args: CallArgs<'a>,
     /// The time, where it was looked up just now; 0: not known. To ask takes as long as the way into a callback.
     pub now_ns: u64,
     /// By how much that may lie in the past, in nanoseconds.
-    pub slack_ns: u64,
-    /// What is to be served.
-    pub serve: ServeArgs,
+    slack_ns: u64,
 }
 
-impl Call<'_> {
+impl<'a> Call<'a> {
     /// A plain call.
     #[must_use]
     pub const fn plain(hook: Hook) -> Self {
-        Self { hook, inject: 0, fault: FaultArgs::NONE, now_ns: 0, slack_ns: 0, serve: ServeArgs::NONE }
+        Self::at(hook, 0)
     }
 
     /// A plain call at that time, which is now.
     #[must_use]
     pub const fn at(hook: Hook, now_ns: u64) -> Self {
-        Self { now_ns, ..Self::plain(hook) }
+        let args = CallArgs { hook, inject: 0, now_ns: 0, fault: FaultArgs::NONE, serve: ServeArgs::NONE };
+        Self { args, now_ns, slack_ns: 0 }
     }
-}
 
-impl<'a> Call<'a> {
-    /// As it crosses the border. Where the time is not known exactly, the component asks for it if it wants to know. What its
-    /// callback does not look at is not copied: what was written piece by piece just now is slow to be read as a whole.
+    /// Its time may lie in the past by that much, in nanoseconds.
+    #[must_use]
+    pub const fn within(mut self, slack_ns: u64) -> Self {
+        self.slack_ns = slack_ns;
+        self
+    }
+
+    /// With that fault to be provoked; 0: none.
+    #[must_use]
+    pub const fn provoking(mut self, inject: u8) -> Self {
+        self.args.inject = inject;
+        self
+    }
+
+    /// With the fault that led here.
+    #[must_use]
+    pub const fn telling(mut self, fault: FaultArgs<'a>) -> Self {
+        self.args.fault = fault;
+        self
+    }
+
+    /// With what is to be served.
+    #[must_use]
+    pub const fn serving(mut self, serve: ServeArgs) -> Self {
+        self.args.serve = serve;
+        self
+    }
+
+    /// As it crosses the border. Where the time is not known exactly, the component asks for it if it wants to know.
     pub(super) const fn args(&self) -> CallArgs<'a> {
-        let now_ns = if self.slack_ns == 0 { self.now_ns } else { 0 };
-        let is_told = matches!(self.hook, Hook::Error | Hook::Recover);
-        let fault = if is_told { self.fault } else { FaultArgs::NONE };
-        let serve = if matches!(self.hook, Hook::Serve) { self.serve } else { ServeArgs::NONE };
-        CallArgs { hook: self.hook, inject: self.inject, now_ns, fault, serve }
+        CallArgs { now_ns: self.told_ns(), ..self.args }
+    }
+
+    const fn told_ns(&self) -> u64 {
+        if self.slack_ns == 0 { self.now_ns } else { 0 }
+    }
+
+    /// The same, where the callback before was entered with `args`. What a callback does not look at stays as it was: each
+    /// line counts on the way into every one.
+    #[inline(always)]
+    pub(super) const fn fill(&self, args: &mut CallArgs<'a>) {
+        args.hook = self.args.hook;
+        args.inject = self.args.inject;
+        args.now_ns = self.told_ns();
+        match self.args.hook {
+            Hook::Serve => args.serve = self.args.serve,
+            Hook::Error | Hook::Recover => args.fault = self.args.fault,
+            _ => {}
+        }
     }
 
     /// When it must have returned.
     fn deadline_ns(&self, limits: &Limits) -> u64 {
-        (self.now_ns + self.slack_ns).saturating_add(limits.of(self.hook))
+        (self.now_ns + self.slack_ns).saturating_add(limits.of(self.args.hook))
     }
 
     /// With the time, if it had none.
@@ -81,13 +115,17 @@ impl<'a> Call<'a> {
 ///
 /// # Errors
 /// The fault that ended it.
-pub fn enter(fibers: &mut Fibers, unit: &mut Unit, call: Call<'_>) -> Result<(), Fault> {
-    let call = call.timed();
-    let (args, deadline_ns) = (call.args(), call.deadline_ns(&unit.limits));
+pub fn enter(fibers: &mut Fibers, unit: &mut Unit, mut call: Call<'_>) -> Result<(), Fault> {
+    // In its place: to copy it takes as long as to enter the callback.
+    if call.now_ns == 0 {
+        call.now_ns = clock::now_ns();
+    }
+    call.args.now_ns = call.told_ns();
+    let (args, deadline_ns) = (&call.args, call.deadline_ns(&unit.limits));
     let Unit { instance, owner, limits, .. } = unit;
     let mut status = CallStatus::Done;
     // One place from the innermost call to the outermost: a fault is large.
-    let mut result = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || status = instance.enter(&args));
+    let mut result = guarded(fibers, owner, limits.stack_bytes, deadline_ns, &mut || status = instance.enter(args));
     if result.is_err() {
         unit.spent = true;
     } else if let Some(symptom) = crash::of_status(status) {
@@ -102,7 +140,7 @@ pub fn enter(fibers: &mut Fibers, unit: &mut Unit, call: Call<'_>) -> Result<(),
 /// The fault that ended it.
 pub fn begin(fibers: &mut Fibers, unit: &mut Unit, strand: &mut Strand, call: &Call<'static>) -> Result<Pause, Fault> {
     let deadline_ns = call.deadline_ns(&unit.limits);
-    let may_wait = strand::may_wait(call.hook);
+    let may_wait = strand::may_wait(call.args.hook);
     let frame = strand.frame(unit.instance.entry(), call, &unit.limits);
     take_seat(&unit.owner);
     match fibers.begin(unit.limits.stack_bytes, deadline_ns, may_wait, frame) {
@@ -148,12 +186,27 @@ pub fn take_up(
     }
 }
 
+#[inline(always)]
 fn settle(fibers: &Fibers, unit: &mut Unit, strand: &mut Strand, progress: Progress<Frame>) -> Result<Pause, Fault> {
     match progress {
-        Progress::Done(errand) => match crash::of_status(strand.put_back(errand)) {
-            Some(symptom) => Err(told(symptom, "")),
-            None => Ok(Pause::Done),
+        Progress::Done(errand) => match strand.put_back(errand) {
+            CallStatus::Done => Ok(Pause::Done),
+            status => failed(status),
         },
+        progress => stopped(fibers, unit, strand, progress),
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn failed(status: CallStatus) -> Result<Pause, Fault> {
+    crash::of_status(status).map_or(Ok(Pause::Done), |symptom| Err(told(symptom, "")))
+}
+
+#[inline(never)]
+fn stopped(fibers: &Fibers, unit: &mut Unit, strand: &mut Strand, progress: Progress<Frame>) -> Result<Pause, Fault> {
+    match progress {
+        Progress::Done(_) => Ok(Pause::Done),
         Progress::Trapped(errand) => {
             let _ = strand.put_back(errand);
             unit.spent = true;
@@ -244,6 +297,7 @@ pub fn side_report() -> Option<Fault> {
     Some(Fault { injected: seat::is_left(seat::Note::Injected), ..Fault::told(symptom, now, evidence) })
 }
 
+#[inline(always)]
 fn guarded(
     fibers: &mut Fibers,
     owner: &Owner,
@@ -260,12 +314,19 @@ fn guarded(
 }
 
 /// Says whose code runs from now on.
+#[inline(always)]
 fn take_seat(owner: &Owner) {
     if seat::enter(owner) {
-        // Nobody's any more.
-        let _ = forget_notes();
-        host::forget_regions();
+        sweep();
     }
+}
+
+/// What an earlier callback left, and nobody asked about, is nobody's any more.
+#[cold]
+#[inline(never)]
+fn sweep() {
+    let _ = forget_notes();
+    host::forget_regions();
 }
 
 pub(super) fn no_stack(error: &std::io::Error) -> Fault {

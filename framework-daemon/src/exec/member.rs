@@ -273,7 +273,7 @@ impl Member {
         self.reach_for_spare();
         let inject = self.inject.pop_front().unwrap_or(0);
         let job = Job::Execute { queued: self.queued() };
-        let call = Call { inject, ..self.call(Hook::Execute, crew) };
+        let call = self.call(Hook::Execute, crew).provoking(inject);
         // Looked at where it lies: a fault is large.
         let result = self.undertake(job, &call, crew);
         self.after(&result, call.now_ns, crew);
@@ -284,7 +284,7 @@ impl Member {
     pub(super) fn call(&mut self, hook: Hook, crew: &mut Crew) -> Call<'static> {
         let exact = self.is_tight() || self.strand.is_sample() || matches!(self.trigger, Trigger::Periodic(_));
         self.strand.exact = exact;
-        Call { slack_ns: self.slack_ns(), ..Call::at(hook, crew.begins_ns(exact)) }
+        Call::at(hook, crew.begins_ns(exact)).within(self.slack_ns())
     }
 
     fn is_tight(&self) -> bool {

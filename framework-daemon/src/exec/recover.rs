@@ -281,7 +281,7 @@ impl Member {
         }
         for hook in [Hook::Error, Hook::Reset] {
             let args = told(self.slot.name, climb.cause(fault));
-            if let Err(second) = self.enter(Call { fault: args, ..Call::plain(hook) }, crew) {
+            if let Err(second) = self.enter(Call::plain(hook).telling(args), crew) {
                 return climb.fail(second);
             }
             self.keep_side_report();
@@ -374,10 +374,10 @@ impl Member {
         let now_ns = std::mem::take(&mut climb.record.decided_at_ns);
         let cause = climb.cause(fault);
         if let Some(args) = told_for_good(self.slot.name, cause) {
-            let call = Call { fault: args, ..Call::at(Hook::Recover, now_ns) };
+            let call = Call::at(Hook::Recover, now_ns).telling(args);
             return self.take_over_at_once(call, fault, climb, crew);
         }
-        let call = Call { fault: told(self.slot.name, cause), ..Call::at(Hook::Recover, now_ns) };
+        let call = Call::at(Hook::Recover, now_ns).telling(told(self.slot.name, cause));
         if let Err(second) = self.enter(call, crew) {
             return climb.fail(second);
         }
@@ -448,7 +448,7 @@ impl Member {
     /// The slot stops. A sound instance is told why and kept, so that it can be destroyed in order.
     fn fault_stop(&mut self, cause: &Fault, crew: &mut Crew) -> Step {
         if self.unit.as_ref().is_some_and(|unit| !unit.spent) {
-            let call = Call { fault: told(self.slot.name, cause), ..Call::plain(Hook::Error) };
+            let call = Call::plain(Hook::Error).telling(told(self.slot.name, cause));
             // What it does about it changes nothing any more.
             let _ = self.enter(call, crew);
         }

@@ -3,7 +3,6 @@
 use component_sdk::abi::calls::ServeArgs;
 use component_sdk::status::Status;
 
-use super::callback::Call;
 use super::member::{Crew, Member};
 use super::slot::Slot;
 use super::strand::Job;
@@ -19,7 +18,7 @@ impl Member {
             return;
         }
         let Some(Due { hook, serve }) = self.slot.events.next_or(|| self.next_serve()) else { return };
-        let call = Call { serve, ..self.call(hook, crew) };
+        let call = self.call(hook, crew).serving(serve);
         let result = self.undertake(Job::Serve, &call, crew);
         self.after(&result, call.now_ns, crew);
     }

@@ -95,7 +95,7 @@ impl Member {
         self.restore(crew)?;
         let evidence = Evidence::Text { message: ShortText::new(why) };
         let cause = Fault::told(Symptom::Raised, clock::now_ns(), evidence);
-        let call = Call { fault: super::recover::told(self.slot.name, &cause), ..Call::plain(Hook::Recover) };
+        let call = Call::plain(Hook::Recover).telling(super::recover::told(self.slot.name, &cause));
         self.enter(call, crew)
     }
 

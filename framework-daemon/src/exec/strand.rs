@@ -122,10 +122,11 @@ impl Strand {
         let (next, status) = (Next::of(self.job), CallStatus::Done);
         match self.frame.take() {
             Some(mut frame) => {
-                // Each for itself: a whole that was put together elsewhere is copied from there before it is complete there.
                 (frame.entry, frame.next, frame.status) = (entry, next, status);
-                frame.args = call.args();
-                frame.limits = *limits;
+                call.fill(&mut frame.args);
+                if next != Next::Nothing {
+                    frame.limits = *limits;
+                }
                 frame
             }
             None => Box::new(Frame { entry, args: call.args(), limits: *limits, next, status }),
@@ -155,6 +156,7 @@ impl Strand {
 pub struct Frame {
     entry: Entry,
     args: CallArgs<'static>,
+    /// Of what follows.
     limits: Limits,
     next: Next,
     status: CallStatus,

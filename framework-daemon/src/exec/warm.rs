@@ -61,7 +61,7 @@ impl Member {
         let message = format!("{what}; the checkpoint is {:.1} ms old", age_ns as f64 / 1e6);
         let fault =
             FaultArgs { symptom: SYMPTOM.into(), slot: self.slot.name.into(), message: message.as_str().into() };
-        crew.enter(unit, Call { fault, ..Call::plain(Hook::Recover) })?;
+        crew.enter(unit, Call::plain(Hook::Recover).telling(fault))?;
         Ok(Some(age_ns))
     }
 }

@@ -173,8 +173,11 @@ impl<E: Errand> Fiber<E> {
         // touches it later: it may not wait, so it asks for the next job, or it is spent.
         let mut borrow = unsafe { std::mem::transmute::<&mut dyn FnMut(), &'static mut dyn FnMut()>(closure) };
         self.core.job.set(&raw mut borrow);
-        self.resume(deadline_ns, false);
-        if self.state == State::Idle { Ended::Returned } else { Ended::Trapped }
+        if self.resume(deadline_ns, false).is_some() {
+            return Ended::Returned;
+        }
+        self.state = State::Spent;
+        Ended::Trapped
     }
 
     /// Runs `errand` on the fiber until it returns, traps or waits, where it may: the fiber's state tells. Otherwise as
@@ -226,21 +229,22 @@ impl<E: Errand> Fiber<E> {
     /// [`Self::run`].
     #[inline(never)]
     pub(super) fn go_on(&mut self, deadline_ns: u64, may_wait: bool) {
-        self.resume(deadline_ns, may_wait);
+        self.state = match self.resume(deadline_ns, may_wait) {
+            Some(armed) => armed.take_wait().map_or(State::Idle, State::Waiting),
+            None => State::Spent,
+        };
     }
 
+    /// `None`: it trapped.
     #[inline]
-    fn resume(&mut self, deadline_ns: u64, may_wait: bool) {
-        let armed = self.core.armed.get();
-        armed.inspect(|armed| armed.arm(deadline_ns, may_wait));
+    fn resume(&mut self, deadline_ns: u64, may_wait: bool) -> Option<&Armed> {
+        let armed = self.core.armed.get()?;
+        armed.arm(deadline_ns, may_wait);
         let result = self.coroutine.resume(());
         shield::end_copy();
-        armed.inspect(|armed| armed.disarm());
+        armed.disarm();
         arch::restore_float_control();
-        self.state = match result {
-            CoroutineResult::Return(()) => State::Spent,
-            CoroutineResult::Yield(()) => armed.and_then(Armed::take_wait).map_or(State::Idle, State::Waiting),
-        };
+        matches!(result, CoroutineResult::Yield(())).then_some(armed)
     }
 
     /// The errand that it ran last, unless it waits.

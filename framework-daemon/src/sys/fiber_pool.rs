@@ -52,16 +52,23 @@ impl<E: Errand> FiberPool<E> {
     ///
     /// # Errors
     /// When a new fiber is needed and the system has no address space left.
+    #[inline]
     pub fn run(&mut self, stack_bytes: usize, deadline_ns: u64, closure: &mut dyn FnMut()) -> std::io::Result<Ended> {
         let shelf = stocked(&mut self.idle, stack_bytes, &self.lease)?;
         // In its place on the shelf: fibers do not nest.
         if shelf.last_mut().is_some_and(|fiber| fiber.run(deadline_ns, closure) == Ended::Returned) {
             return Ok(Ended::Returned);
         }
-        if let Some(fiber) = shelf.pop() {
-            self.spent.push(fiber);
-        }
+        self.put_aside(stack_bytes);
         Ok(Ended::Trapped)
+    }
+
+    /// The first fiber of that size is spent.
+    #[cold]
+    #[inline(never)]
+    fn put_aside(&mut self, stack_bytes: usize) {
+        let fiber = shelf(&mut self.idle, stack_bytes).pop();
+        self.spent.extend(fiber);
     }
 
     /// Runs `errand` on a fiber with a stack of that size; it must return until `deadline_ns`, or wait, where it may.

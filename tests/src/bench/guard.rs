@@ -9,6 +9,7 @@ use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, FaultArgs, Hook};
 use framework_daemon::exec::callback::{self, Call, Fibers};
 use framework_daemon::exec::slot::{Slot, Status};
+use framework_daemon::exec::strand::{Job, Strand};
 use framework_daemon::exec::task::Tasks;
 use framework_daemon::exec::unit::{Limits, Recipe, Source, Unit};
 use framework_daemon::model::symptom::SeverityTable;
@@ -50,7 +51,7 @@ pub fn fiber(samples: usize) -> (Samples, Samples) {
     )
 }
 
-/// Nanoseconds a callback of a component that does nothing: as executors enter it, and by its shim alone. Both read the clock
+/// Nanoseconds a callback of a component that does nothing: as executors enter those that may not wait, and by its shim alone. Both read the clock
 /// once, for the callback is told the time.
 ///
 /// # Panics
@@ -62,17 +63,39 @@ pub fn callback(samples: usize) -> (Samples, Samples) {
     interleaved(
         samples,
         || _ = black_box(callback::enter(&mut fibers, &mut guarded, Call::plain(Hook::Execute))),
-        || {
-            let args = CallArgs {
-                hook: Hook::Execute,
-                inject: 0,
-                now_ns: clock::now_ns(),
-                fault: FaultArgs::NONE,
-                serve: ServeArgs::NONE,
-            };
-            black_box(bare.instance.enter(black_box(&args)));
-        },
+        || enter_bare(&mut bare),
     )
+}
+
+/// As [`callback`], as executors enter `on_execute` and handlers, which may wait.
+///
+/// # Panics
+/// As [`callback`].
+#[must_use]
+pub fn waiting(samples: usize) -> (Samples, Samples) {
+    let mut fibers = Fibers::default();
+    let mut strand = Strand::default();
+    let (mut guarded, mut bare) = (idle_unit(&mut fibers), idle_unit(&mut fibers));
+    interleaved(
+        samples,
+        || {
+            let call = Call::at(Hook::Execute, clock::now_ns());
+            strand.take_up(Job::Execute { queued: 0 });
+            _ = black_box(callback::begin(&mut fibers, &mut guarded, &mut strand, &call));
+        },
+        || enter_bare(&mut bare),
+    )
+}
+
+fn enter_bare(unit: &mut Unit) {
+    let args = CallArgs {
+        hook: Hook::Execute,
+        inject: 0,
+        now_ns: clock::now_ns(),
+        fault: FaultArgs::NONE,
+        serve: ServeArgs::NONE,
+    };
+    black_box(unit.instance.enter(black_box(&args)));
 }
 
 /// A component whose `on_execute` does next to nothing.

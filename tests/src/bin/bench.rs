@@ -126,7 +126,11 @@ impl Run {
         if !self.is_wanted("guard_cost") {
             return Ok(());
         }
-        for (payload, measure) in [("fiber", guard::fiber as fn(usize) -> _), ("callback", guard::callback)] {
+        for (payload, measure) in [
+            ("fiber", guard::fiber as fn(usize) -> _),
+            ("callback", guard::callback),
+            ("callback that may wait", guard::waiting),
+        ] {
             let (mut own, mut limit) = measure(1000);
             let setting = Setting { bench: "guard_cost", payload, load: "idle", sched: "other" };
             self.tell(setting.line(&mut own, Some(&mut limit)))?;

@@ -49,9 +49,12 @@ const FLOAT_STATUS: u32 = 0x3f;
 /// would compute otherwise. Looked at first, because setting it takes longer.
 #[inline]
 pub fn restore_float_control() {
-    let mut control = 0u32;
-    // SAFETY: reads the control word into `control`.
-    unsafe { asm!("stmxcsr [{}]", in(reg) &raw mut control, options(nostack, preserves_flags)) };
+    let mut control = std::mem::MaybeUninit::<u32>::uninit();
+    // SAFETY: writes the control word into `control`.
+    let control = unsafe {
+        asm!("stmxcsr [{}]", in(reg) control.as_mut_ptr(), options(nostack, preserves_flags));
+        control.assume_init()
+    };
     if control & !FLOAT_STATUS != FLOAT_CONTROL {
         // SAFETY: the value that every function may expect.
         unsafe { asm!("ldmxcsr [{}]", in(reg) &raw const FLOAT_CONTROL, options(nostack, preserves_flags)) };

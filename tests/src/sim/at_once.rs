@@ -7,6 +7,7 @@ use framework_daemon::port::pattern::provider::Openness;
 
 use super::awaited::{Awaited, Before, End, subscriber};
 use super::model::{InHand, Model, Provider, SENDS, SERVERS, State};
+use super::outside;
 use super::script::Actor;
 use super::world::{Here, World};
 
@@ -89,7 +90,8 @@ impl World {
         let (life, executor) = (model.slots[server].life, model.slots[server].executor);
         let shares = client.is_some_and(|client| model.slots[client].executor == executor && client != server);
         let is_at_rest = model.slots[server].state == State::Active && model.slots[server].wait.is_none();
-        let is_before = model.has_work(life);
+        let is_before =
+            if self.lanes_look { model.has_work(life) } else { model.providers[life * SERVERS].has_calls() };
         model.providers[life * SERVERS].hands.push(InHand { id, number, again: false });
         drop(model);
         self.same(|| format!("{number} is one to be answered at once"), is_asked, true);
@@ -124,6 +126,22 @@ impl World {
         model.came(link.to, number);
         drop(model);
         self.begin_to_wait(client);
+    }
+
+    /// From outside, while its handler runs: whoever asked is cut off, or is to wait no longer.
+    pub(super) fn disturbs(&self, number: u64, executor: usize) {
+        let model = self.model();
+        let asked = model.asker(number).and_then(|client| Some((client, model.slots[client].at_once?.what)));
+        drop(model);
+        let Some((client, Awaited::Answer(port, _))) = asked else { return };
+        self.take_thread(&self.outside);
+        if self.dice.once_in(2) {
+            outside::disconnect(self, client, port);
+        } else {
+            outside::close_for_a_moment(self, client, port);
+        }
+        self.take_thread(&self.bells[executor]);
+        self.count("at once, disturbed");
     }
 
     /// True where whoever asked waits for its executor only.

@@ -80,7 +80,8 @@ impl World {
         let is_in = aside.entered.contains(&slot) || aside.news.iter().any(|(other, _)| *other == slot);
         let is_at_rest = is_active && !is_in && !self.waiting[slot].load(Ordering::Relaxed);
         let lets = !aside.entered.is_empty() && aside.turns < self.turns_at_once;
-        is_at_rest && lets && self.ends(slot).signal.alone_here().is_some()
+        let is_alone = !self.lanes_look || self.ends(slot).signal.alone_here().is_some();
+        is_at_rest && lets && is_alone && self.is_thread_of(executor)
     }
 
     /// From now on the slot's handler can be entered at once, if there is that in this world.
@@ -122,7 +123,7 @@ impl Lane for Played {
         aside.entered.push(self.slot);
         aside.turns += 1;
         drop(aside);
-        let progress = self.run(&world, &outer, Job::Serve(args.id, number));
+        let progress = self.run(&world, &outer, (args.id, number));
         world.aside(self.executor).entered.retain(|slot| *slot != self.slot);
         let served = progress.map_or(Served::Not, |progress| self.judge(&world, number, progress));
         world.leaves_at_once(number, served);
@@ -132,7 +133,8 @@ impl Lane for Played {
 
 impl Played {
     /// The handler, until it waits or comes to its end. `None`: there is no fiber.
-    fn run(&self, world: &Arc<World>, outer: &Outer, job: Job) -> Option<Progress<Script>> {
+    fn run(&self, world: &Arc<World>, outer: &Outer, (id, number): (u64, u64)) -> Option<Progress<Script>> {
+        let job = Job::Serve(id, number);
         let script =
             Script { world: Arc::clone(world), slot: self.slot, ends: world.ends(self.slot), job, way: Way::Returned };
         let pool = fibers(self.slot);
@@ -146,6 +148,9 @@ impl Played {
                     world.set_gave_way(true);
                     if fiber::park(NEVER).is_err() {
                         world.wrong("who asks at once may wait".to_owned());
+                    }
+                    if world.dice.once_in(8) {
+                        world.disturbs(number, self.executor);
                     }
                     progress = go_on_within(outer, self.slot, ticket)?;
                 }

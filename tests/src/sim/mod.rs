@@ -9,8 +9,9 @@
 //!
 //! In some of the worlds a question whose server shares the executor and is at rest is answered at once, from where it is
 //! asked: the handler runs on a fiber within the callback of whoever asked. The lanes are played as well. The model
-//! says which questions those are, and the same of their ends as of all others. What is counted says how they went: "at once ..."
-//! and "set aside ...".
+//! says which questions those are, and the same of their ends as of all others. In some of those worlds the lanes do not look
+//! whether others are to be looked at first: then the servers alone see to it that nobody jumps their queues. What is counted says how
+//! the questions went: "at once ..." and "set aside ...".
 
 /// Random numbers that come again.
 pub(crate) mod dice;

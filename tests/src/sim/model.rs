@@ -166,6 +166,8 @@ pub(super) struct Instance {
     pub(super) stale: Vec<(usize, u64)>,
     /// Calls in hand that are to be answered later: the server, its number of it, the model's.
     pub(super) kept: Vec<(usize, u64, u64)>,
+    /// Those of them whose answers are written and not sent.
+    pub(super) written: Vec<u64>,
     pub(super) stale_kept: Vec<(usize, u64)>,
     /// Activations that it has not given up: the client's number, the model's.
     pub(super) asked: Vec<(u64, u64)>,

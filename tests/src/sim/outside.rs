@@ -64,6 +64,23 @@ fn replace(world: &World, slot: usize) {
     ends.events.replace();
 }
 
+/// Another thread of the component switches blocking off, and on again at once.
+pub(super) fn close_for_a_moment(world: &World, slot: usize, gate: usize) {
+    let ends = world.ends(slot);
+    world.tell(|| format!("slot {slot} gate {gate}: blocking off and on"));
+    let mut model = world.model();
+    let gates = &mut model.slots[slot].gates[gate];
+    (gates.port, gates.closings) = (true, gates.closings + 1);
+    drop(model);
+    for on in [false, true] {
+        match gate {
+            EVENT_GATE => ends.events.clients[0].blocking(Whose::Port, on),
+            PUSH_GATE => ends.subscriber().blocking(Whose::Port, on),
+            port => ends.requestors[port].blocking(Whose::Port, on),
+        }
+    }
+}
+
 fn servers(life: usize) -> std::ops::Range<usize> {
     life * SERVERS..(life + 1) * SERVERS
 }
@@ -101,7 +118,7 @@ impl Executors {
             16..19 if is_free && state == State::Active => self.stop(slot),
             19..22 if is_free && state == State::Active => self.fail_astray(slot),
             22 if is_free && dice.once_in(2) => self.rebuild(slot),
-            23 => self.close_for_a_moment(slot),
+            23 => close_for_a_moment(&self.world, slot, dice.below(PULL_GATE)),
             _ => return false,
         }
         true
@@ -170,23 +187,6 @@ impl Executors {
         }
         drop(model);
         ends.set_blocking(on);
-    }
-
-    /// Another thread of the component switches blocking off, and on again at once.
-    fn close_for_a_moment(&self, slot: usize) {
-        let (ends, gate) = (self.world.ends(slot), self.world.dice.below(PULL_GATE));
-        self.world.tell(|| format!("slot {slot} gate {gate}: blocking off and on"));
-        let mut model = self.world.model();
-        let gates = &mut model.slots[slot].gates[gate];
-        (gates.port, gates.closings) = (true, gates.closings + 1);
-        drop(model);
-        for on in [false, true] {
-            match gate {
-                EVENT_GATE => ends.events.clients[0].blocking(Whose::Port, on),
-                PUSH_GATE => ends.subscriber().blocking(Whose::Port, on),
-                port => ends.requestors[port].blocking(Whose::Port, on),
-            }
-        }
     }
 
     fn set_open(&self, slot: usize, open: Openness) {

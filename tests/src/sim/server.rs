@@ -51,12 +51,25 @@ impl Actor<'_> {
         }
     }
 
-    /// It is answered later; now and then its answer is begun now.
+    /// It is answered later; now and then its answer is written now.
     fn keep(&self, id: u64, number: u64) {
-        if self.world.dice.once_in(3) {
-            let _ = self.answer_on_loan(id, number);
+        let value = if self.world.dice.once_in(3) { self.answer_on_loan(id, number) } else { std::ptr::null_mut() };
+        let mut model = self.world.model();
+        let instance = &mut model.slots[self.slot].instance;
+        instance.kept.push((ANSWERS, id, number));
+        if !value.is_null() {
+            // SAFETY: on loan.
+            unsafe { value.cast::<u64>().write(told(number)) };
+            instance.written.push(number);
         }
-        self.world.model().slots[self.slot].instance.kept.push((ANSWERS, id, number));
+    }
+
+    /// Its answer was written when it was kept.
+    fn is_written(&self, number: u64) -> bool {
+        let mut model = self.world.model();
+        let written = &mut model.slots[self.slot].instance.written;
+        let place = written.iter().position(|other| *other == number);
+        place.map(|place| written.swap_remove(place)).is_some()
     }
 
     /// The handler of a message: it may last, and ends with it.
@@ -132,7 +145,7 @@ impl Actor<'_> {
     /// Answers a call in hand, or refuses it.
     fn finish(&self, id: u64, number: u64, refusal: Option<Status>) {
         let provider = &self.ends.providers[ANSWERS];
-        if refusal.is_none() {
+        if !self.is_written(number) && refusal.is_none() {
             let value = self.answer_on_loan(id, number);
             if value.is_null() {
                 return;

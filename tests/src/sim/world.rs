@@ -1,7 +1,7 @@
 //! What is: the slots, the executors' bells, the time; and what was found wrong.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use framework_daemon::port::registry::Registry;
@@ -32,6 +32,11 @@ pub(super) struct World {
     pub(super) pending: usize,
     /// Questions that a callback may have answered at once; 0: this world has no lanes.
     pub(super) turns_at_once: usize,
+    /// Lanes are open only while nobody at all is to be looked at, as the real ones; elsewhere it is the servers alone that see to the
+    /// order of calls.
+    pub(super) lanes_look: bool,
+    /// Whose thread it is.
+    here: AtomicUsize,
     /// By executor.
     pub(super) asides: Vec<Mutex<Aside>>,
     /// By slot: its callback waits.
@@ -64,6 +69,8 @@ impl World {
             deadlines: dice.once_in(2),
             pending: 1 + dice.below(4),
             turns_at_once: dice.below(4),
+            lanes_look: !dice.once_in(3),
+            here: AtomicUsize::new(executors),
             asides: (0..executors).map(|_| Mutex::default()).collect(),
             waiting: (0..count).map(|_| AtomicBool::new(false)).collect(),
             slots: Vec::new(),
@@ -107,7 +114,14 @@ impl World {
     /// The one thread is that executor's from now on, in a callback.
     pub(super) fn take_thread(&self, bell: &Arc<Bell>) {
         bell.adopt();
+        let own = self.bells.iter().position(|other| Arc::ptr_eq(other, bell));
+        self.here.store(own.unwrap_or(self.bells.len()), Ordering::Relaxed);
         let _ = seat::enter(&Owner { slot: "", instance: 1 });
+    }
+
+    /// The one thread is that executor's.
+    pub(super) fn is_thread_of(&self, executor: usize) -> bool {
+        self.here.load(Ordering::Relaxed) == executor
     }
 
     /// The ends of a slot now.

@@ -61,6 +61,7 @@ const UNSAFE: &[&str] = &[
     "framework-daemon/src/sys/mapping.rs",
     "framework-daemon/src/sys/memory.rs",
     "framework-daemon/src/sys/safe_outputs.rs",
+    "framework-daemon/src/sys/seen.rs",
     "framework-daemon/src/sys/shield/descriptors.rs",
     "framework-daemon/src/sys/shield/handlers.rs",
     "framework-daemon/src/sys/shield/leave.rs",

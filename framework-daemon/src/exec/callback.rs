@@ -210,7 +210,10 @@ fn stopped(fibers: &Fibers, unit: &mut Unit, strand: &mut Strand, progress: Prog
         Progress::Trapped(errand) => {
             let _ = strand.put_back(errand);
             unit.spent = true;
-            Err(last_trap(fibers))
+            match fibers.trap() {
+                Some(trap) => Err(trapped(trap)),
+                None => Err(unseen()),
+            }
         }
         Progress::Waits(ticket, until_ns) => {
             strand.wait(ticket, until_ns);
@@ -338,8 +341,15 @@ pub(super) fn no_stack(error: &std::io::Error) -> Fault {
 pub(super) fn last_trap<E: Errand>(fibers: &FiberPool<E>) -> Fault {
     match fibers.trap() {
         Some(trap) => trapped(trap),
-        None => told(Symptom::CrashSegv, ""),
+        None => unseen(),
     }
+}
+
+/// Of a trap that nobody saw.
+#[cold]
+#[inline(never)]
+fn unseen() -> Fault {
+    told(Symptom::CrashSegv, "")
 }
 
 #[inline(always)]

@@ -14,7 +14,7 @@ use super::emergency;
 use super::member::{Crew, Member};
 use super::service;
 use super::slot::Status;
-use super::strand::{Job, Pause};
+use super::strand::{Job, Last, Pause};
 use super::unit::Unit;
 use crate::model::chain;
 use crate::model::fault::{Evidence, Fault, FaultEvent, FaultSender, Outcome, Stage, Times};
@@ -399,20 +399,20 @@ impl Member {
         let executes = self.trigger != Trigger::Passive;
         let result = self.undertake(Job::Succeed { executes }, &call.timed(), crew);
         self.keep_side_report();
-        let (hook, at_ns) = self.strand.last().unwrap_or_else(|| (Hook::Execute, clock::now_ns()));
+        let last = self.strand.last().unwrap_or_else(Last::waiting);
         let times = &mut climb.record.times;
         match result {
             Ok(pause) if executes => {
-                times.ready_ns = Some(at_ns.saturating_sub(fault.at_ns));
+                times.ready_ns = Some(last.began_ns.saturating_sub(fault.at_ns));
                 if pause == Pause::Done {
-                    times.first_callback_ns = Some(since(fault));
+                    times.first_callback_ns = Some(last.ended_ns.saturating_sub(fault.at_ns));
                     self.slot.status.count_cycle(0);
                 }
             }
             Ok(_) => times.ready_ns = Some(since(fault)),
             Err(second) => {
                 self.step(Event::Fault);
-                self.unit.iter_mut().for_each(|unit| unit.started = hook == Hook::Execute);
+                self.unit.iter_mut().for_each(|unit| unit.started = last.hook == Hook::Execute);
                 return climb.fail(second);
             }
         }

@@ -129,7 +129,7 @@ impl Strand {
                 }
                 frame
             }
-            None => Box::new(Frame { entry, args: call.args(), limits: *limits, next, status }),
+            None => Box::new(Frame { entry, args: call.args(), limits: *limits, next, status, ended_ns: 0 }),
         }
     }
 
@@ -138,10 +138,14 @@ impl Strand {
         self.frame.take()
     }
 
-    /// The callback that was entered last, and when; `None`: it waits.
+    /// The callback that was entered last; `None`: it waits.
     #[must_use]
-    pub fn last(&self) -> Option<(Hook, u64)> {
-        self.frame.as_ref().map(|frame| (frame.args.hook, frame.args.now_ns))
+    pub fn last(&self) -> Option<Last> {
+        self.frame.as_ref().map(|frame| Last {
+            hook: frame.args.hook,
+            began_ns: frame.args.now_ns,
+            ended_ns: frame.ended_ns,
+        })
     }
 
     /// What came back from the fiber: how the callback ended.
@@ -149,6 +153,24 @@ impl Strand {
         let status = frame.status;
         self.frame = Some(frame);
         status
+    }
+}
+
+/// A callback that was entered, and ended.
+#[derive(Clone, Copy, Debug)]
+pub struct Last {
+    /// Which one.
+    pub hook: Hook,
+    /// When it was entered.
+    pub began_ns: u64,
+    /// When it returned; known of the first `on_execute` of a successor only.
+    pub ended_ns: u64,
+}
+
+impl Last {
+    /// Of one that waits.
+    pub(super) fn waiting() -> Self {
+        Self { hook: Hook::Execute, began_ns: clock::now_ns(), ended_ns: 0 }
     }
 }
 
@@ -160,6 +182,8 @@ pub struct Frame {
     limits: Limits,
     next: Next,
     status: CallStatus,
+    /// When the last callback of a succession returned.
+    ended_ns: u64,
 }
 
 /// What follows on the same fiber.
@@ -184,7 +208,7 @@ impl Frame {
     /// For handlers of that instance.
     pub(super) const fn serving(entry: Entry, limits: Limits) -> Self {
         let args = Call::plain(Hook::Serve).args();
-        Self { entry, args, limits, next: Next::Nothing, status: CallStatus::Done }
+        Self { entry, args, limits, next: Next::Nothing, status: CallStatus::Done, ended_ns: 0 }
     }
 
     /// The same, for another instance.
@@ -227,6 +251,9 @@ impl Errand for Frame {
         self.status = self.entry.enter(&self.args);
         while self.status == CallStatus::Done && self.turn_to_next() {
             self.status = self.entry.enter(&self.args);
+        }
+        if self.next == Next::StartAndExecute {
+            self.ended_ns = clock::now_ns();
         }
     }
 }

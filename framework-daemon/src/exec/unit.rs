@@ -277,6 +277,7 @@ impl Unit {
 
     /// Fetches its memory to this processor, as far as it is one piece.
     pub fn bring_near(&self) {
+        arch::bring_near(std::ptr::from_ref(self).addr(), size_of::<Self>());
         self.bindings.iter().for_each(Binding::bring_near);
         let size = self.instance.class().decl.size;
         arch::bring_near(self.instance.address(), size.min(NEAR_BYTES));

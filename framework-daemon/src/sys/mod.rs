@@ -27,6 +27,9 @@ pub mod fiber;
 /// The fibers of one executor.
 pub mod fiber_pool;
 
+/// What a handler of a fatal signal saw.
+mod seen;
+
 /// Stacks of fibers.
 mod stack;
 

@@ -10,7 +10,7 @@
 //! The handler allocates nothing, takes no lock and calls nothing that is not async-signal-safe.
 #![allow(unsafe_code, reason = "address of unsafe: signal handlers and register contexts")]
 
-use std::cell::{Cell, OnceCell};
+use std::cell::Cell;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Once};
@@ -22,10 +22,10 @@ use super::fence::{self, Verdict};
 use super::last_words::{self, Death, End};
 use super::pulse::Pulse;
 use super::relay::Relay;
+use super::seen::{Place, Sight};
+pub use super::seen::{Site, Trap};
 use super::shield::handlers;
-use super::text::Owner;
 use super::{arch, clock, foreign, heap, leaf, mapping, shield, text, thread};
-use crate::model::fault::TrapEvidence;
 use crate::model::limits::{CALLERS, HANG_ATTEMPTS, HANG_ATTEMPTS_IN_DAEMON, STACK_WORDS};
 
 /// The signals that end a fiber.
@@ -38,89 +38,13 @@ pub fn watchdog_signal() -> i32 {
     libc::SIGRTMAX() - 3
 }
 
-/// What the handler saw.
-#[derive(Clone, Copy, Debug)]
-pub struct Trap {
-    /// Signal, address, registers.
-    pub evidence: TrapEvidence,
-    /// Where the program counter was.
-    pub site: Site,
-    /// The access hit the guard page below the fiber's stack.
-    pub stack_overflow: bool,
-    /// The component called `exit` or one of its kin.
-    pub exited: bool,
-    /// The component, or a runtime of its own, called `abort`.
-    pub asked: bool,
-    /// The callback did not return in time.
-    pub hang: bool,
-    /// The thread was given up; a reserve thread runs the executor now.
-    pub thread_lost: bool,
-    /// When it happened: of a hang, when its time was over; else when the handler was entered.
-    pub at_ns: u64,
-    /// When the handler was entered.
-    pub seen_ns: u64,
-}
-
-impl Trap {
-    /// One of which nothing more is known.
-    #[must_use]
-    pub const fn new(evidence: TrapEvidence, at_ns: u64) -> Self {
-        let site = Site::Elsewhere;
-        Self {
-            evidence,
-            site,
-            stack_overflow: false,
-            exited: false,
-            asked: false,
-            hang: false,
-            thread_lost: false,
-            at_ns,
-            seen_ns: at_ns,
-        }
-    }
-}
-
-/// Where the program counter was.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Site {
-    /// In a plugin's own text, or nowhere after a wild jump out of it.
-    Plugin,
-    /// In a function of the C library that holds no lock, called by a plugin.
-    Leaf,
-    /// In the daemon's text, or in such a function called by it: a plugin passed a bad pointer.
-    Daemon,
-    /// Anywhere else: a lock may be held.
-    Elsewhere,
-}
-
-impl Site {
-    /// Of an access to `address` at `pc`, in a function that returns to `caller`, if it has no frame.
-    pub(super) fn of(address: usize, pc: usize, caller: usize) -> Self {
-        match text::owner(pc) {
-            Some(Owner::Plugin) => return Self::Plugin,
-            Some(Owner::Daemon) => return Self::Daemon,
-            _ => {}
-        }
-        let nowhere = pc == address;
-        if !nowhere && !leaf::holds(pc) {
-            return Self::Elsewhere;
-        }
-        match text::owner(caller) {
-            Some(Owner::Plugin) if nowhere => Self::Plugin,
-            Some(Owner::Plugin) => Self::Leaf,
-            Some(Owner::Daemon) => Self::Daemon,
-            _ => Self::Elsewhere,
-        }
-    }
-}
-
 /// A fiber that runs on some thread: what the handler needs to end it.
 pub(super) struct Armed {
     handler: CoroutineTrapHandler<()>,
     stack: Range<usize>,
     pulse: Arc<Pulse>,
     relay: Option<&'static Relay<Armed>>,
-    trap: OnceCell<Trap>,
+    trap: Place,
     wait: Wait,
 }
 
@@ -147,7 +71,7 @@ impl Armed {
         pulse: Arc<Pulse>,
         relay: Option<&'static Relay<Self>>,
     ) -> Self {
-        Self { handler, stack, pulse, relay, trap: OnceCell::new(), wait: Wait::new() }
+        Self { handler, stack, pulse, relay, trap: Place::new(), wait: Wait::new() }
     }
 
     /// Says that the fiber runs on this thread from now on and must return until then, or wait, where it may. Fibers do not
@@ -236,21 +160,22 @@ impl Armed {
         Site::of(address, arch::position(context).0, self.caller(context))
     }
 
-    /// Ends the fiber where no lock can be held, the thread elsewhere.
-    fn end(&self, trap: Trap) -> ! {
-        let here = trap.site != Site::Elsewhere;
+    /// Ends the fiber where no lock can be held, the thread elsewhere; `tell` says what was seen, and where its place is.
+    fn end(&self, site: Site, tell: impl FnOnce(&mut Trap)) -> ! {
         handlers::forget();
-        match self.relay.filter(|_| !here) {
+        let relay = self.relay.filter(|_| site == Site::Elsewhere);
+        self.trap.fill(|trap| {
+            tell(trap);
+            (trap.site, trap.thread_lost) = (site, relay.is_some());
+        });
+        self.pulse.end();
+        match relay {
             None => {
-                let _ = self.trap.set(trap);
-                self.pulse.end();
                 // SAFETY: the interrupted stack pointer lies in this fiber, which is alive: it is armed only while it
                 // runs, and it runs on this thread. Nothing that the handler holds needs to be dropped.
                 unsafe { arch::continue_at(&self.handler.setup_trap_handler(|| ())) }
             }
             Some(relay) => {
-                let _ = self.trap.set(Trap { thread_lost: true, ..trap });
-                self.pulse.end();
                 THREADS_LOST.fetch_add(1, Ordering::Relaxed);
                 heap::abandon_thread();
                 // Where not even a place is left for it, the executor ends with its thread.
@@ -428,28 +353,30 @@ extern "C" fn handle(signal: i32, info: *mut libc::siginfo_t, context: *mut libc
     let signal = if raised == Raised::Nothing { signal } else { libc::SIGABRT };
     // SAFETY: all of these signals but SIGABRT carry an address where an instruction caused them.
     let address = if signal == libc::SIGABRT || sent.is_some() { 0 } else { unsafe { info.si_addr() }.addr() };
-    let mut trap = Trap::new(evidence(signal, info.si_code, address, context), at_ns);
-    trap.asked = raised == Raised::Abort || verdict.is_some();
-    trap.exited = raised == Raised::Exit || verdict == Some(Verdict::Leaves);
+    let asked = raised == Raised::Abort || verdict.is_some();
+    let exited = raised == Raised::Exit || verdict == Some(Verdict::Leaves);
+    let sight = Sight { signal, code: info.si_code, address, at_ns, asked, exited };
     // A copy of this process that a plugin made is no business of ours, nor is a signal from outside.
     let is_guest = sent != Some(false) && !shield::is_copy();
     if is_guest && handlers::is_here() {
-        let here = Trap { site: Site::of(address, pc, 0), ..trap };
+        let here = Trap { site: Site::of(address, pc, 0), ..sight.trap(context) };
         if handlers::struck(here, context) {
             return;
         }
     }
     if let Some(armed) = armed().filter(|armed| is_guest && armed.holds(pc, sp)) {
         // The function that makes any system call holds no lock.
-        trap.site = if verdict.is_some() { Site::Leaf } else { armed.site(address, context) };
-        if trap.site != Site::Plugin || pc == address {
-            trap.evidence.callers = armed.callers(context);
-        }
-        trap.stack_overflow = signal == libc::SIGSEGV && armed.guard().contains(&address);
-        armed.end(trap);
+        let site = if verdict.is_some() { Site::Leaf } else { armed.site(address, context) };
+        armed.end(site, |trap| {
+            sight.tell(trap, context);
+            if site != Site::Plugin || pc == address {
+                trap.evidence.callers = armed.callers(context);
+            }
+            trap.stack_overflow = signal == libc::SIGSEGV && armed.guard().contains(&address);
+        });
     }
     if is_guest {
-        foreign::struck(trap, context);
+        foreign::struck(sight.trap(context), context);
     }
     // A copy of this process has no motors.
     if !shield::is_copy() {
@@ -477,13 +404,6 @@ pub(super) unsafe fn callers(context: &libc::ucontext_t, stack: Range<usize>) ->
     found
 }
 
-/// What a signal frame tells.
-fn evidence(signal: i32, code: i32, address: usize, context: &libc::ucontext_t) -> TrapEvidence {
-    let (pc, sp) = arch::position(context);
-    let registers = arch::registers(context);
-    TrapEvidence { code, sp: sp as u64, registers, ..TrapEvidence::new(signal, address as u64, pc as u64) }
-}
-
 /// The watchdog's signal: the callback that runs on this thread, if it is still the one that is late.
 extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc::c_void) {
     arch::allow_unaligned();
@@ -507,12 +427,15 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     armed.pulse.forget_attempts();
     // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
     let site = if site == Site::Daemon { Site::Elsewhere } else { site };
-    let mut evidence = evidence(signal, 0, 0, context);
-    if site != Site::Plugin {
-        evidence.callers = armed.callers(context);
-    }
+    let sight = Sight { signal, code: 0, address: 0, at_ns, asked: false, exited: false };
     arch::let_through(context);
-    armed.end(Trap { site, hang: true, seen_ns, ..Trap::new(evidence, at_ns) })
+    armed.end(site, |trap| {
+        sight.tell(trap, context);
+        (trap.hang, trap.seen_ns) = (true, seen_ns);
+        if site != Site::Plugin {
+            trap.evidence.callers = armed.callers(context);
+        }
+    })
 }
 
 /// Some when the signal was sent and not caused by an instruction; true when this process sent it to itself (`abort`).

@@ -157,10 +157,13 @@ impl Rig {
     fn fault(&mut self, inject: u8) -> FaultEvent {
         // What stands ready is what is measured, not how fast it is made.
         self.workshop.settle(PATIENCE);
-        std::thread::sleep(PAUSE);
         if inject != 0 {
+            // A cycle in which nothing happens, as there are many between two faults: the spare is picked up in it.
+            self.member.execute(&mut self.crew);
+            self.workshop.settle(PATIENCE);
             self.member.inject.push_back(inject);
         }
+        std::thread::sleep(PAUSE);
         loop {
             self.member.execute(&mut self.crew);
             // A callback that lost its core for too long is late, too, and a recovery may fail by that: not what is measured.

@@ -18,7 +18,7 @@ use component_sdk::abi::calls::ServeArgs;
 use super::callback::Fibers;
 use super::strand::{Frame, Strand};
 use super::unit::Unit;
-use crate::model::limits::TURNS_AT_ONCE;
+use crate::model::limits::{TIME_AT_ONCE_NS, TURNS_AT_ONCE};
 use crate::port::pattern::direct::{self, Served};
 use crate::sys::bell::Signal;
 use crate::sys::fiber::{Fiber, Outer};
@@ -31,8 +31,10 @@ pub struct Aside {
     entered: AtomicUsize,
     /// How long it may take, from one wait to the next, in nanoseconds.
     limit_ns: AtomicU64,
-    /// How often it did ask.
+    /// How often it did ask, as long as it is not others' turn.
     turns: AtomicU32,
+    /// When it asked first; 0: it has not yet.
+    since_ns: AtomicU64,
     /// How long others ran on its time, in nanoseconds.
     away_ns: AtomicU64,
     /// Lanes that the executor has to look at, counted.
@@ -46,12 +48,15 @@ impl Aside {
         self.entered.store(member + 1, Ordering::Relaxed);
         self.limit_ns.store(limit_ns, Ordering::Relaxed);
         self.turns.store(0, Ordering::Relaxed);
+        self.since_ns.store(0, Ordering::Relaxed);
     }
 
-    /// No callback is, or it may not ask.
+    /// No callback is, or it may not ask. Where it failed nobody asked how long others ran on its time: that is not to be
+    /// taken for the time of the next one's.
     #[inline]
     pub(super) fn leave(&self) {
         self.entered.store(0, Ordering::Relaxed);
+        self.away_ns.store(0, Ordering::Relaxed);
     }
 
     /// How long others ran on the time of the callback, since this was asked last.
@@ -77,7 +82,7 @@ impl Aside {
         news != 0
     }
 
-    /// True where that member may be asked: by another one, which has not asked so often that it is others' turn.
+    /// True where that member may be asked: by another one, which has not asked so often or so long that it is others' turn.
     #[inline]
     fn lets(&self, member: usize) -> bool {
         let entered = self.entered.load(Ordering::Relaxed);
@@ -88,16 +93,26 @@ impl Aside {
         self.limit_ns.load(Ordering::Relaxed)
     }
 
-    /// From now on a callback runs that may take that long; how long the one before may.
-    fn change_limit(&self, limit_ns: u64) -> u64 {
-        let before_ns = self.limit_ns();
+    /// From now on a callback runs from within another one, which may take that long; how it was before.
+    fn go_in(&self, limit_ns: u64) -> Before {
+        let before = Before { limit_ns: self.limit_ns(), away_ns: self.away_ns.load(Ordering::Relaxed) };
         self.limit_ns.store(limit_ns, Ordering::Relaxed);
-        before_ns
+        before
     }
 
-    fn count(&self, away_ns: u64) {
-        self.turns.store(self.turns.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
-        self.away_ns.store(self.away_ns.load(Ordering::Relaxed) + away_ns, Ordering::Relaxed);
+    /// It ran from the one moment to the other; whoever ran on its own time ran meanwhile.
+    fn come_out(&self, before: &Before, (began_ns, ended_ns): (u64, u64)) {
+        self.limit_ns.store(before.limit_ns, Ordering::Relaxed);
+        self.away_ns.store(before.away_ns + ended_ns.saturating_sub(began_ns), Ordering::Relaxed);
+        let since_ns = match self.since_ns.load(Ordering::Relaxed) {
+            0 => began_ns,
+            since_ns => since_ns.min(began_ns),
+        };
+        self.since_ns.store(since_ns, Ordering::Relaxed);
+        // Through the inbox others would have had their turn after each question.
+        let is_long = ended_ns.saturating_sub(since_ns) >= TIME_AT_ONCE_NS;
+        let turns = if is_long { TURNS_AT_ONCE } else { self.turns.load(Ordering::Relaxed) + 1 };
+        self.turns.store(turns, Ordering::Relaxed);
     }
 
     /// One lane more is to be looked at; returns which one it is: those within others come first.
@@ -106,6 +121,12 @@ impl Aside {
         self.news.store(news, Ordering::Relaxed);
         news
     }
+}
+
+/// What is put back when a callback has come out of another one.
+struct Before {
+    limit_ns: u64,
+    away_ns: u64,
 }
 
 /// A member's lane.
@@ -248,12 +269,11 @@ impl direct::Lane for Lane {
         };
         self.close();
         frame.take_up(args);
-        let (client, limit_ns) = (seat::owner(), room.aside.change_limit(room.hang_ns));
+        let (client, before) = (seat::owner(), room.aside.go_in(room.hang_ns));
         seat::enter(owner);
-        let away_ns = fiber.begin_within(&outer, room.hang_ns, frame);
+        let times = fiber.begin_within(&outer, room.hang_ns, frame);
         seat::enter(&client);
-        room.aside.change_limit(limit_ns);
-        room.aside.count(away_ns);
+        room.aside.come_out(&before, times);
         if room.is_clean() {
             self.is_open.store(true, Ordering::Relaxed);
             return Served::Done;

@@ -189,6 +189,8 @@ pub const FAULT_EVENTS: usize = 4_096;
 pub const IDLE_FIBERS: usize = 4;
 /// Questions that one callback may have answered at once, one after the other, before others have their turn.
 pub const TURNS_AT_ONCE: u32 = 64;
+/// Time that they may take all together before others have their turn, in nanoseconds; known to a tick of the kernel.
+pub const TIME_AT_ONCE_NS: u64 = 1_000_000;
 /// Longest time that a callback may wait at once.
 pub const WAIT_MAX: Duration = Duration::from_secs(7 * 24 * 3600);
 /// Fibers that wait which an executor makes room for; more are possible.

@@ -194,17 +194,17 @@ impl<E: Errand> Fiber<E> {
     }
 
     /// Runs `errand` from within a callback on another fiber, until it returns, traps or waits, within that many nanoseconds;
-    /// returns how long that took, to a tick. Otherwise as [`Self::run`].
+    /// returns when it began and ended, to a tick. Otherwise as [`Self::run`].
     ///
     /// # Panics
     /// As [`Self::run`].
-    pub fn begin_within(&mut self, outer: &Outer, limit_ns: u64, errand: Box<E>) -> u64 {
+    pub fn begin_within(&mut self, outer: &Outer, limit_ns: u64, errand: Box<E>) -> (u64, u64) {
         let began_ns = clock::recent_ns();
         self.begin((began_ns + clock::TICK_NS).saturating_add(limit_ns), true, errand);
         let ended_ns = clock::recent_ns();
         // As after any wait. What is left of its time may be less than the watchdog expects of what begins.
         outer.armed.run_on((ended_ns + clock::TICK_NS).saturating_add(outer.limit_ns));
-        ended_ns.saturating_sub(began_ns)
+        (began_ns, ended_ns)
     }
 
     /// Gives an errand back that was taken too early.

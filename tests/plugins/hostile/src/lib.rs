@@ -9,6 +9,7 @@ use component_sdk::prelude::*;
 
 pub mod asked;
 pub mod brake;
+pub mod busy;
 
 /// Fails in one of its callbacks, once in a process, or each time.
 #[derive(Component)]
@@ -336,6 +337,10 @@ export_components!(
     asked::Prober,
     brake::Brake,
     brake::Witness,
+    busy::Asker,
+    busy::Busy,
+    busy::Eager,
+    busy::Overlong,
     Doomed,
     Stillborn,
     Heir,

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use component_sdk::component::ComponentError;
 use component_sdk::prelude::*;
 
 use crate::{mask_all, null_write, overflow, reset_handlers};
@@ -49,24 +50,36 @@ extern "C" fn exit_body(_: *mut libc::c_void) -> i32 {
     unsafe { libc::syscall(libc::SYS_exit, 0) as i32 }
 }
 
+/// Of a kernel thread of this process.
+pub(crate) const THREAD: i32 = libc::CLONE_VM
+    | libc::CLONE_FS
+    | libc::CLONE_FILES
+    | libc::CLONE_SIGHAND
+    | libc::CLONE_THREAD
+    | libc::CLONE_SYSVSEM
+    | libc::CLONE_CHILD_CLEARTID;
+
+/// Starts what the C library does not know; returns its number.
+pub(crate) fn start_clone(
+    body: extern "C" fn(*mut libc::c_void) -> i32,
+    flags: i32,
+    running: *mut i32,
+) -> Result<i32, ComponentError> {
+    let stack = Box::leak(vec![0u8; 64 << 10].into_boxed_slice());
+    let (none, top) = (std::ptr::null_mut::<libc::c_void>(), stack.as_mut_ptr_range().end);
+    // SAFETY: the stack is never freed, nor the word that the kernel clears, where there is one.
+    let number = unsafe { libc::clone(body, top.cast(), flags, none, none, none, running) };
+    if number > 0 { Ok(number) } else { Err(fault!("no thread: {}", std::io::Error::last_os_error())) }
+}
+
 /// A kernel thread that the C library does not know. The callback waits for its end.
 fn clone_thread(body: extern "C" fn(*mut libc::c_void) -> i32) -> Outcome {
-    let stack = Box::leak(vec![0u8; 64 << 10].into_boxed_slice());
     let running = Box::leak(Box::new(AtomicI32::new(1)));
-    let flags = libc::CLONE_VM
-        | libc::CLONE_FS
-        | libc::CLONE_FILES
-        | libc::CLONE_SIGHAND
-        | libc::CLONE_THREAD
-        | libc::CLONE_SYSVSEM
-        | libc::CLONE_CHILD_CLEARTID;
-    let (none, top) = (std::ptr::null_mut::<libc::c_void>(), stack.as_mut_ptr_range().end);
-    // SAFETY: the stack and the word that the kernel clears are never freed.
-    let thread = unsafe { libc::clone(body, top.cast(), flags, none, none, none, running.as_ptr()) };
-    while thread > 0 && running.load(Ordering::Acquire) != 0 {
+    start_clone(body, THREAD, running.as_ptr())?;
+    while running.load(Ordering::Acquire) != 0 {
         thread::yield_now();
     }
-    if thread > 0 { Ok(()) } else { Err(fault!("no thread: {}", std::io::Error::last_os_error())) }
+    Ok(())
 }
 
 extern "C" fn null_handler(_: i32) {

@@ -9,6 +9,9 @@ use component_sdk::prelude::*;
 /// On its own thread: what would end the process.
 mod astray;
 
+/// What no level contains.
+mod beyond;
+
 /// Descriptors of others.
 mod descriptors;
 
@@ -34,14 +37,14 @@ impl Callbacks for Shielded {
         // To print where both panics were takes long: one thread at a time does that.
         let is_slow = self.deed == "thread double panic";
         if self.cycles == 3 || self.cycles.is_multiple_of(3) && !is_slow {
-            commit(&self.deed)?;
+            commit(&self.deed, cx)?;
             info!(cx, "is over: {}", self.deed);
         }
         Ok(())
     }
 }
 
-fn commit(deed: &str) -> Outcome {
+fn commit(deed: &str, cx: &Context<'_>) -> Outcome {
     match deed {
         "handler reset" => reset_handlers(),
         "mask" => mask_all(),
@@ -65,13 +68,14 @@ fn commit(deed: &str) -> Outcome {
         "exit" => std::process::exit(0),
         // SAFETY: as above.
         "exit now" => unsafe { libc::_exit(0) },
-        _ => return elsewhere(deed),
+        _ => return elsewhere(deed, cx),
     }
     Ok(())
 }
 
-fn elsewhere(deed: &str) -> Outcome {
+fn elsewhere(deed: &str, cx: &Context<'_>) -> Outcome {
     let known = raw::commit(deed).or_else(|()| lawful::commit(deed)).or_else(|()| descriptors::commit(deed));
+    let known = known.or_else(|()| beyond::commit(deed, cx));
     known.unwrap_or_else(|()| astray::commit(deed))
 }
 

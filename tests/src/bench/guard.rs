@@ -67,10 +67,10 @@ pub fn callback(samples: usize) -> (Samples, Samples) {
     )
 }
 
-/// As [`callback`], as executors enter `on_execute` and handlers, which may wait.
+/// As [`callback()`], as executors enter `on_execute` and handlers, which may wait.
 ///
 /// # Panics
-/// As [`callback`].
+/// As [`callback()`].
 #[must_use]
 pub fn waiting(samples: usize) -> (Samples, Samples) {
     let mut fibers = Fibers::default();

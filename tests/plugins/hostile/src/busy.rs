@@ -106,3 +106,54 @@ impl Callbacks for Overlong {
         Ok(())
     }
 }
+
+/// Answers each number with the next one; fails by a trap now and then, and now and then by a panic.
+#[derive(Component)]
+#[component(name = "Moody", version = "1.0", passive)]
+pub struct Moody {
+    #[port(handler = on_ask)]
+    asked: QueryServer<u64, u64>,
+}
+
+impl Callbacks for Moody {}
+
+impl Moody {
+    fn on_ask(&mut self, _: &mut Context<'_>, query: Query<'_, u64, u64>) -> Outcome {
+        match *query {
+            number if number.is_multiple_of(7_001) => crate::fail("segv")?,
+            number if number.is_multiple_of(5_003) => crate::fail("panic")?,
+            _ => {}
+        }
+        let next = *query + 1;
+        // Whoever was cut off meanwhile has no use for it.
+        let _ = query.answer(next);
+        Ok(())
+    }
+}
+
+/// Asks a hundred times in each callback, whatever it is told, and looks at what is answered.
+#[derive(Component)]
+#[component(name = "Insistent", version = "1.0", periodic = "1ms")]
+pub struct Insistent {
+    #[port]
+    ask: QueryClient<u64, u64>,
+    asked: u64,
+    answered: u64,
+}
+
+impl Callbacks for Insistent {
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        for _ in 0..100 {
+            self.asked += 1;
+            let Ok(answer) = self.ask.query(self.asked) else { continue };
+            if *answer != self.asked + 1 {
+                return Err(fault!("{} instead of {}", *answer, self.asked + 1));
+            }
+            self.answered += 1;
+            if self.answered.is_multiple_of(2_000) {
+                info!(cx, "two thousand answers");
+            }
+        }
+        Ok(())
+    }
+}

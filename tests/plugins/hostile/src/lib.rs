@@ -340,6 +340,8 @@ export_components!(
     busy::Asker,
     busy::Busy,
     busy::Eager,
+    busy::Insistent,
+    busy::Moody,
     busy::Overlong,
     Doomed,
     Stillborn,

@@ -121,12 +121,12 @@ impl Sight {
 }
 
 /// Where the one trap of a fiber is written down.
-pub(super) struct Place {
+pub(super) struct Seen {
     is_filled: Cell<bool>,
     trap: UnsafeCell<Trap>,
 }
 
-impl Place {
+impl Seen {
     pub(super) const fn new() -> Self {
         let trap = Trap::new(TrapEvidence::new(0, 0, 0), 0);
         Self { is_filled: Cell::new(false), trap: UnsafeCell::new(trap) }

@@ -22,7 +22,7 @@ use super::fence::{self, Verdict};
 use super::last_words::{self, Death, End};
 use super::pulse::Pulse;
 use super::relay::Relay;
-use super::seen::{Place, Sight};
+use super::seen::{Seen, Sight};
 pub use super::seen::{Site, Trap};
 use super::shield::handlers;
 use super::{arch, clock, foreign, heap, leaf, mapping, shield, text, thread};
@@ -44,7 +44,7 @@ pub(super) struct Armed {
     stack: Range<usize>,
     pulse: Arc<Pulse>,
     relay: Option<&'static Relay<Armed>>,
-    trap: Place,
+    trap: Seen,
     wait: Wait,
 }
 
@@ -71,7 +71,7 @@ impl Armed {
         pulse: Arc<Pulse>,
         relay: Option<&'static Relay<Self>>,
     ) -> Self {
-        Self { handler, stack, pulse, relay, trap: Place::new(), wait: Wait::new() }
+        Self { handler, stack, pulse, relay, trap: Seen::new(), wait: Wait::new() }
     }
 
     /// Says that the fiber runs on this thread from now on and must return until then, or wait, where it may. Fibers do not
@@ -160,7 +160,7 @@ impl Armed {
         Site::of(address, arch::position(context).0, self.caller(context))
     }
 
-    /// Ends the fiber where no lock can be held, the thread elsewhere; `tell` says what was seen, and where its place is.
+    /// Ends the fiber where no lock can be held, the thread elsewhere; `tell` writes down what was seen.
     fn end(&self, site: Site, tell: impl FnOnce(&mut Trap)) -> ! {
         handlers::forget();
         let relay = self.relay.filter(|_| site == Site::Elsewhere);

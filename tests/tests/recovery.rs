@@ -1,6 +1,6 @@
 //! What stands ready: spares, and what becomes of them.
 
-use tests::profiles::{Profiles, application, connection, plugin_dir, slot};
+use tests::profiles::{Profiles, application, connection, connection_of, plugin_dir, slot};
 use tests::running::Running;
 
 /// One slot of the class that counts its instances, with these properties and rules.
@@ -154,6 +154,30 @@ fn a_successor_goes_on_from_the_last_checkpoint() {
     // 300 ms are 150 cycles, of which at most one checkpoint's are lost.
     assert!(starts[1].0 > 50 && starts[2].0 > starts[1].0, "{starts:?}");
     assert!(starts.iter().all(|(outside, inside)| outside == inside), "both are of one moment: {starts:?}");
+}
+
+/// What a ledger without a callback of its own goes on from, of a hundred, where its client is on the executor `main`.
+fn ledger_goes_on_from(executor: &str) -> u64 {
+    let reset = "<severity>reset</severity><reset limit=\"1\"/><checkpoint period=\"1ms\"/>";
+    let rules = format!("<executor>{executor}</executor><fault_tolerance>{reset}</fault_tolerance>");
+    let slots = [slot("ledger", "Ledger", &rules), slot("depositor", "Depositor", "<executor>main</executor>")];
+    let connection = connection_of("service", "depositor.ask -> ledger.asked", "");
+    let profiles = Profiles::new(&application(&slots, &[&connection]));
+    profiles.describe(&plugin_dir().join("libhostile.so"));
+    let executors = "<executor name=\"main\"/><executor name=\"other\"/>";
+    profiles.write("system.xml", &format!("<system_profile><name>s</name>{executors}</system_profile>"));
+    let daemon = Running::start(profiles.path(), &[]);
+    daemon.wait_for("the ledger goes on from [");
+    let line = daemon.lines("the ledger goes on from [").remove(0);
+    line.split_once('[').and_then(|(_, rest)| rest.split_once(']')).unwrap().0.parse().unwrap()
+}
+
+#[test]
+fn what_handlers_change_is_in_the_checkpoint() {
+    for executor in ["main", "other"] {
+        let total = ledger_goes_on_from(executor);
+        assert!((50..=101).contains(&total), "{executor}: {total}");
+    }
 }
 
 #[test]

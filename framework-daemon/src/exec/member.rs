@@ -343,7 +343,10 @@ impl Member {
 
     fn finish(&mut self, took_ns: u64, crew: &mut Crew) {
         if self.strand.job == Job::Serve {
-            return self.answer_side_report(crew);
+            return match callback::side_report() {
+                Some(fault) => self.handle(&fault, crew),
+                None => self.back_up(crew),
+            };
         }
         self.completed(took_ns, crew);
         // It took one value of several: the others are news, too. One that takes nothing is not asked again.
@@ -401,6 +404,8 @@ impl Member {
             && self.early.is_none()
             && self.breath.is_none()
             && !self.strand.waits()
+            // What a handler changed may be due for it.
+            && self.checkpoint.is_none()
             // One of them may answer from its own thread.
             && self.slot.tasks.is_empty();
         match self.unit.as_ref().filter(|unit| is_at_rest && !unit.spent && !unit.limits.is_tight()) {

@@ -157,3 +157,47 @@ impl Callbacks for Insistent {
         Ok(())
     }
 }
+
+/// Adds what it is asked to; 0 is its end.
+#[derive(Component)]
+#[component(name = "Ledger", version = "1.0", passive)]
+pub struct Ledger {
+    #[port(handler = on_ask)]
+    asked: QueryServer<u64, u64>,
+    #[critical]
+    total: u64,
+}
+
+impl Callbacks for Ledger {}
+
+impl Ledger {
+    fn on_ask(&mut self, _: &mut Context<'_>, query: Query<'_, u64, u64>) -> Outcome {
+        if *query == 0 {
+            crate::fail("segv")?;
+        }
+        self.total += *query;
+        Ok(query.answer(self.total)?)
+    }
+}
+
+/// Has a hundred added, one in each callback, ends the ledger, and says what the next one goes on from.
+#[derive(Component)]
+#[component(name = "Depositor", version = "1.0", periodic = "2ms")]
+pub struct Depositor {
+    #[port]
+    ask: QueryClient<u64, u64>,
+    cycles: u64,
+}
+
+impl Callbacks for Depositor {
+    fn on_execute(&mut self, cx: &mut Context<'_>) -> Outcome {
+        self.cycles += 1;
+        match self.cycles {
+            1..=100 => _ = self.ask.query(1)?,
+            101 => _ = self.ask.query(0),
+            102 => info!(cx, "the ledger goes on from [{}]", *self.ask.query(1)?),
+            _ => {}
+        }
+        Ok(())
+    }
+}

@@ -200,50 +200,26 @@ fn executor(plan: &SlotPlan) -> &str {
 /// The ports of a slot: inputs, outputs, clients, servers, event ports.
 #[must_use]
 pub fn ports(slot: &Slot, wires: &Wires) -> Vec<Value> {
-    let known = |end, fields| known_as(slot, end, fields);
-    let inputs =
-        slot.inputs.iter().map(|port| known(PortEnd::In(port.clone()), input(slot.name, port, wires.of(port))));
-    let outputs =
-        slot.outputs.iter().map(|port| known(PortEnd::Out(port.clone()), output(slot.name, port, wires.of(port))));
-    let clients = slot
-        .requestors
-        .iter()
-        .map(|port| known(PortEnd::Requestor(port.clone()), client(slot.name, port, wires.of(port))));
-    let servers = slot
-        .providers
-        .iter()
-        .map(|port| known(PortEnd::Provider(port.clone()), server(slot.name, port, wires.of(port))));
-    inputs.chain(outputs).chain(clients).chain(servers).chain(events(slot, wires)).collect()
+    slot.entries().map(|entry| known_as(&entry, port(&entry, wires))).collect()
 }
 
-/// The event ports of a slot.
-fn events<'a>(slot: &'a Slot, wires: &'a Wires) -> impl Iterator<Item = Value> + 'a {
-    let (ports, known) = (&slot.events, |end, fields| known_as(slot, end, fields));
-    let heard = |fields| turned(fields, "event input");
-    let told = |fields| turned(fields, "event output");
-    let inputs = ports.inputs.iter().map(move |event| {
-        known(PortEnd::EventIn(event.clone()), heard(input(slot.name, &event.port, wires.of(&event.port))))
-    });
-    let outputs = ports
-        .outputs
-        .iter()
-        .map(move |port| known(PortEnd::EventOut(port.clone()), told(output(slot.name, port, wires.of(port)))));
-    let clients = ports
-        .clients
-        .iter()
-        .map(move |port| known(PortEnd::EventClient(port.clone()), event_client(slot.name, port, wires.of(port))));
-    let servers = ports
-        .servers
-        .iter()
-        .map(move |port| known(PortEnd::EventServer(port.clone()), event_server(slot.name, port, wires.of(port))));
-    inputs.chain(outputs).chain(clients).chain(servers)
+fn port(entry: &registry::Entry, wires: &Wires) -> Value {
+    let slot = entry.slot;
+    match &entry.end {
+        PortEnd::In(port) => input(slot, port, wires.of(port)),
+        PortEnd::Out(port) => output(slot, port, wires.of(port)),
+        PortEnd::Requestor(port) => client(slot, port, wires.of(port)),
+        PortEnd::Provider(port) => server(slot, port, wires.of(port)),
+        PortEnd::EventIn(event) => turned(input(slot, &event.port, wires.of(&event.port)), "event input"),
+        PortEnd::EventOut(port) => turned(output(slot, port, wires.of(port)), "event output"),
+        PortEnd::EventClient(port) => event_client(slot, port, wires.of(port)),
+        PortEnd::EventServer(port) => event_server(slot, port, wires.of(port)),
+    }
 }
 
 /// Adds the name by which others find a port, where its component gave it another than its own; empty: they do not.
-fn known_as(slot: &Slot, end: PortEnd, mut fields: Value) -> Value {
-    let is_listed = !slot.unlisted.contains(&end.name());
-    let entry = registry::Entry { slot: slot.name, end, is_listed };
-    let name = registry::shared().name_of(&entry).unwrap_or_default();
+fn known_as(entry: &registry::Entry, mut fields: Value) -> Value {
+    let name = registry::shared().name_of(entry).unwrap_or_default();
     if name != entry.end.name() {
         fields["known_as"] = name.into();
     }

@@ -104,10 +104,16 @@ impl<'a> Call<'a> {
 
     /// With the time, if it had none.
     pub(super) fn timed(mut self) -> Self {
+        self.look_at_the_clock();
+        self
+    }
+
+    /// Looks at the clock, if nobody has. In its place: to copy a call takes as long as to enter the callback.
+    #[inline(always)]
+    fn look_at_the_clock(&mut self) {
         if self.now_ns == 0 {
             self.now_ns = clock::now_ns();
         }
-        self
     }
 }
 
@@ -116,10 +122,7 @@ impl<'a> Call<'a> {
 /// # Errors
 /// The fault that ended it.
 pub fn enter(fibers: &mut Fibers, unit: &mut Unit, mut call: Call<'_>) -> Result<(), Fault> {
-    // In its place: to copy it takes as long as to enter the callback.
-    if call.now_ns == 0 {
-        call.now_ns = clock::now_ns();
-    }
+    call.look_at_the_clock();
     call.args.now_ns = call.told_ns();
     let (args, deadline_ns) = (&call.args, call.deadline_ns(&unit.limits));
     let Unit { instance, owner, limits, .. } = unit;

@@ -14,6 +14,7 @@ use crate::port::input::InPort;
 use crate::port::output::OutPort;
 use crate::port::pattern::provider::Provider;
 use crate::port::pattern::requestor::Requestor;
+use crate::port::registry::Entry;
 
 /// A named place in an application.
 pub struct Slot {
@@ -85,6 +86,20 @@ impl Slot {
     #[must_use]
     pub fn provider(&self, name: &str) -> Option<&Arc<Provider>> {
         self.providers.iter().find(|port| port.name == name)
+    }
+
+    /// All of its ports: inputs, outputs, clients, servers, then those of events likewise.
+    pub fn ends(&self) -> impl Iterator<Item = PortEnd> + '_ {
+        let inputs = self.inputs.iter().cloned().map(PortEnd::In);
+        let data = inputs.chain(self.outputs.iter().cloned().map(PortEnd::Out));
+        let clients = self.requestors.iter().cloned().map(PortEnd::Requestor);
+        let services = clients.chain(self.providers.iter().cloned().map(PortEnd::Provider));
+        data.chain(services).chain(self.events.ends())
+    }
+
+    /// The same, as whoever wires at run time is told of them.
+    pub fn entries(&self) -> impl Iterator<Item = Entry> + '_ {
+        self.ends().map(|end| Entry { slot: self.name, is_listed: !self.unlisted.contains(&end.name()), end })
     }
 
     /// The port of that name, of whatever pattern: what receives, or what sends.

@@ -150,11 +150,12 @@ impl EventEnds {
         clients.chain(servers).chain(inputs).chain(outputs).map(String::as_str)
     }
 
-    /// All of them.
+    /// All of them: inputs, outputs, clients, servers.
     pub fn ends(&self) -> impl Iterator<Item = PortEnd> + '_ {
         let clients = self.clients.iter().cloned().map(PortEnd::EventClient);
         let servers = self.servers.iter().cloned().map(PortEnd::EventServer);
         let inputs = self.inputs.iter().cloned().map(PortEnd::EventIn);
-        clients.chain(servers).chain(inputs).chain(self.outputs.iter().cloned().map(PortEnd::EventOut))
+        let outputs = self.outputs.iter().cloned().map(PortEnd::EventOut);
+        inputs.chain(outputs).chain(clients).chain(servers)
     }
 }

@@ -11,7 +11,6 @@ use super::events::{self, EventWiring};
 use super::helpers::{self, Helpers};
 use super::services::{self, Calls};
 use super::system::{Placed, by_name};
-use crate::exec::slot::Slot;
 use crate::fault::ports;
 use crate::port::border::PortEnd;
 use crate::port::check::Checks;
@@ -190,9 +189,7 @@ pub fn disconnect(slots: &[Placed]) {
 /// Tells whoever wires at run time which ports there are, and which of them composites show.
 pub fn announce(registry: &Registry, slots: &[Placed], helpers: &Helpers, composites: &[CompositePlan]) {
     let manager = ports::shared().slot();
-    let entries = slots.iter().map(|placed| &placed.slot).chain([manager]).flat_map(|slot| {
-        ends(slot).map(|end| Entry { slot: slot.name, is_listed: !slot.unlisted.contains(&end.name()), end })
-    });
+    let entries = slots.iter().map(|placed| &placed.slot).chain([manager]).flat_map(|slot| slot.entries());
     let voters = helpers.named().map(|(slot, voter)| {
         let end = PortEnd::Out(Arc::clone(&voter.helper.parts().output));
         Entry { slot, end, is_listed: true }
@@ -204,14 +201,6 @@ pub fn announce(registry: &Registry, slots: &[Placed], helpers: &Helpers, compos
     if devices::announce(slots.iter().map(|placed| (placed.slot.name, Arc::clone(&placed.slot.devices)))).is_err() {
         tracing::error!("the slots are being changed all the time: devices that are lost are not told of");
     }
-}
-
-fn ends(slot: &Slot) -> impl Iterator<Item = PortEnd> {
-    let inputs = slot.inputs.iter().cloned().map(PortEnd::In);
-    let data = inputs.chain(slot.outputs.iter().cloned().map(PortEnd::Out));
-    let clients = slot.requestors.iter().cloned().map(PortEnd::Requestor);
-    let services = clients.chain(slot.providers.iter().cloned().map(PortEnd::Provider));
-    data.chain(services).chain(slot.events.ends())
 }
 
 /// What a composite shows: each name once, with all that it stands for. What a component keeps for itself is not shown.
@@ -226,10 +215,10 @@ fn exports(composite: &CompositePlan, slots: &[Placed], helpers: &Helpers) -> Ve
             continue;
         };
         let listed = !placed.slot.unlisted.contains(&inner.port.as_str());
-        let found = ends(&placed.slot).find(|end| listed && end.name() == inner.port);
+        let found = placed.slot.ends().find(|end| listed && end.name() == inner.port);
         // A service's ports are those of its methods.
         let is_method = |end: PortEnd| end.name().split_once('/').is_some_and(|(service, _)| service == inner.port);
-        let is_service = found.is_none() && ends(&placed.slot).any(is_method);
+        let is_service = found.is_none() && placed.slot.ends().any(is_method);
         match (found, shown.iter_mut().find(|export| export.port == *name)) {
             (Some(end), Some(export)) => export.ends.push(end),
             (None, _) if !is_service => {}

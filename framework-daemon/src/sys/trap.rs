@@ -428,13 +428,13 @@ extern "C" fn time_out(signal: i32, _: *mut libc::siginfo_t, context: *mut libc:
     // What was interrupted in the daemon may be half done: the thread that did it is not the one that goes on.
     let site = if site == Site::Daemon { Site::Elsewhere } else { site };
     let sight = Sight { signal, code: 0, address: 0, at_ns, asked: false, exited: false };
-    arch::let_through(context);
     armed.end(site, |trap| {
         sight.tell(trap, context);
         (trap.hang, trap.seen_ns) = (true, seen_ns);
         if site != Site::Plugin {
             trap.evidence.callers = armed.callers(context);
         }
+        arch::let_through(context);
     })
 }
 

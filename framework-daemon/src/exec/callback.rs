@@ -4,7 +4,7 @@
 use component_sdk::abi::calls::ServeArgs;
 use component_sdk::abi::class::{CallArgs, CallStatus, FaultArgs, Hook};
 
-use super::strand::{self, Frame, Pause, Strand};
+use super::strand::{Frame, Last, Pause, Strand};
 use super::unit::{Limits, Parts, Unit};
 use crate::detect::{crash, taint};
 use crate::model::fault::{Evidence, Fault, Memory, ShortText, Stage};
@@ -91,9 +91,9 @@ impl<'a> Call<'a> {
         args.inject = self.args.inject;
         args.now_ns = self.told_ns();
         match self.args.hook {
+            Hook::Execute => {}
             Hook::Serve => args.serve = self.args.serve,
-            Hook::Error | Hook::Recover => args.fault = self.args.fault,
-            _ => {}
+            _ => args.fault = self.args.fault,
         }
     }
 
@@ -137,19 +137,32 @@ pub fn enter(fibers: &mut Fibers, unit: &mut Unit, mut call: Call<'_>) -> Result
     result
 }
 
-/// Enters a callback of `unit` that may wait, at the time that `call` says: it knows one.
+/// Enters a callback of `unit` that may wait, at the time that `call` says: it knows one. Never inlined: the thread may be another
+/// one afterwards.
 ///
 /// # Errors
 /// The fault that ended it.
+#[inline(never)]
 pub fn begin(fibers: &mut Fibers, unit: &mut Unit, strand: &mut Strand, call: &Call<'static>) -> Result<Pause, Fault> {
-    let deadline_ns = call.deadline_ns(&unit.limits);
-    let may_wait = strand::may_wait(call.args.hook);
-    let frame = strand.frame(unit.instance.entry(), call, &unit.limits);
     take_seat(&unit.owner);
-    match fibers.begin(unit.limits.stack_bytes, deadline_ns, may_wait, frame) {
-        Ok(progress) => settle(fibers, unit, strand, progress),
-        Err(error) => Err(no_stack(&error)),
+    let limits = &unit.limits;
+    let fiber = match fibers.ready(limits.stack_bytes) {
+        Ok(fiber) => fiber,
+        Err(error) => return Err(no_stack(&error)),
+    };
+    fiber.furnish(|place| Frame::enter(place, unit.instance.entry(), strand.job, call, limits));
+    // What may wait is entered in operation: no other limit is asked for.
+    let deadline_ns = (call.now_ns + call.slack_ns).saturating_add(limits.hang_ns);
+    match fiber.begin(deadline_ns, strand.may_wait()) {
+        Some(frame) if frame.is_plainly_done() => Ok(Pause::Done),
+        _ => sort_out(fibers, unit, strand),
     }
+}
+
+#[inline(never)]
+fn sort_out(fibers: &mut Fibers, unit: &mut Unit, strand: &mut Strand) -> Result<Pause, Fault> {
+    let progress = fibers.sort_out(unit.limits.stack_bytes);
+    progress.map_or(Ok(Pause::Done), |progress| settle(fibers, unit, strand, progress))
 }
 
 /// Goes on with a callback of `unit` that waits; where it may not wait any more, it comes to its end.
@@ -190,28 +203,14 @@ pub fn take_up(
 }
 
 #[inline(always)]
-fn settle(fibers: &Fibers, unit: &mut Unit, strand: &mut Strand, progress: Progress<Frame>) -> Result<Pause, Fault> {
+fn settle(fibers: &Fibers, unit: &mut Unit, strand: &mut Strand, progress: Progress<Last>) -> Result<Pause, Fault> {
     match progress {
-        Progress::Done(errand) => match strand.put_back(errand) {
-            CallStatus::Done => Ok(Pause::Done),
-            status => failed(status),
-        },
-        progress => stopped(fibers, unit, strand, progress),
-    }
-}
-
-#[cold]
-#[inline(never)]
-fn failed(status: CallStatus) -> Result<Pause, Fault> {
-    crash::of_status(status).map_or(Ok(Pause::Done), |symptom| Err(told(symptom, "")))
-}
-
-#[inline(never)]
-fn stopped(fibers: &Fibers, unit: &mut Unit, strand: &mut Strand, progress: Progress<Frame>) -> Result<Pause, Fault> {
-    match progress {
-        Progress::Done(_) => Ok(Pause::Done),
-        Progress::Trapped(errand) => {
-            let _ = strand.put_back(errand);
+        Progress::Done(last) => {
+            strand.note(last);
+            crash::of_status(last.status).map_or(Ok(Pause::Done), |symptom| Err(told(symptom, "")))
+        }
+        Progress::Trapped(last) => {
+            strand.note(last);
             unit.spent = true;
             match fibers.trap() {
                 Some(trap) => Err(trapped(trap)),

@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering}
 use component_sdk::abi::calls::ServeArgs;
 
 use super::callback::Fibers;
-use super::strand::{Frame, Strand};
+use super::strand::Frame;
 use super::unit::Unit;
 use crate::model::limits::{TIME_AT_ONCE_NS, TURNS_AT_ONCE};
 use crate::port::pattern::direct::{self, Served};
@@ -148,8 +148,8 @@ struct Room {
     aside: Arc<Aside>,
     owner: Option<Owner>,
     hang_ns: u64,
+    /// With a frame for handlers of the owner.
     fiber: Option<Box<Fiber<Frame>>>,
-    frame: Option<Box<Frame>>,
     /// What ran there is to be looked at, in that order; 0: nothing.
     news: u32,
 }
@@ -178,7 +178,7 @@ impl Lane {
         if is_anew {
             room.aside = Arc::clone(aside);
         }
-        let is_whole = room.news == 0 && room.fiber.is_some() && room.frame.is_some();
+        let is_whole = room.news == 0 && room.fiber.is_some();
         self.is_open.store(is_whole, Ordering::Relaxed);
         takes
     }
@@ -195,14 +195,13 @@ impl Lane {
         Some(unsafe { self.room() }.news).filter(|news| *news != 0)
     }
 
-    /// Takes out the fiber that ran there, or waits; the frame that the strand has no use for stays.
-    pub(super) fn take_out(&self, strand: &mut Strand) -> Option<Box<Fiber<Frame>>> {
+    /// Takes out the fiber that ran there, or waits.
+    pub(super) fn take_out(&self) -> Option<Box<Fiber<Frame>>> {
         // SAFETY: as of `news`.
         let room = unsafe { self.room() };
         room.news = 0;
         // Furnished anew before it is opened again.
         room.owner = None;
-        room.frame = strand.spare_frame();
         room.fiber.take()
     }
 
@@ -217,7 +216,7 @@ impl Lane {
 }
 
 impl Room {
-    /// A fiber of the right size, where there is room for a stack, and a frame for that instance; true: the fiber was taken now.
+    /// A fiber of the right size, where there is room for a stack, with a frame for that instance; true: it was taken now.
     fn furnish(&mut self, unit: &Unit, fibers: &mut Fibers) -> bool {
         let stack_bytes = unit.limits.stack_bytes;
         if let Some(fiber) = self.fiber.take_if(|fiber| fiber.stack_bytes() != stack_bytes) {
@@ -227,25 +226,17 @@ impl Room {
         if takes {
             self.fiber = fibers.lend(stack_bytes).ok();
         }
-        let entry = unit.instance.entry();
-        match &mut self.frame {
-            Some(frame) => frame.serve_for(entry, unit.limits),
-            None => self.frame = Some(Box::new(Frame::serving(entry, unit.limits))),
+        if let Some(fiber) = &mut self.fiber {
+            fiber.furnish(|place| *place = Some(Frame::serving(unit.instance.entry(), &unit.limits)));
         }
         (self.owner, self.hang_ns) = (Some(unit.owner), unit.limits.hang_ns);
         takes
     }
 
     /// True where the handler that was entered there returned, and left nothing to be asked about.
-    fn is_clean(&mut self) -> bool {
-        let Some(fiber) = self.fiber.as_mut().filter(|fiber| fiber.is_idle()) else { return false };
-        let Some(frame) = fiber.take_errand() else { return false };
-        if frame.is_done() && !seat::has_notes() {
-            self.frame = Some(frame);
-            return true;
-        }
-        fiber.return_errand(frame);
-        false
+    fn is_clean(&self) -> bool {
+        let idle = self.fiber.as_ref().filter(|fiber| fiber.is_idle());
+        idle.and_then(|fiber| fiber.errand()).is_some_and(Frame::is_done) && !seat::has_notes()
     }
 }
 
@@ -264,14 +255,12 @@ impl direct::Lane for Lane {
         // SAFETY: asked where it is open, on the executor's thread. Whatever the handler asks for, this lane is closed meanwhile.
         let room = unsafe { self.room() };
         let Some(outer) = Outer::here(room.aside.limit_ns()) else { return Served::Not };
-        let (Some(owner), Some(fiber), Some(mut frame)) = (&room.owner, &mut room.fiber, room.frame.take()) else {
-            return Served::Not;
-        };
+        let (Some(owner), Some(fiber)) = (&room.owner, &mut room.fiber) else { return Served::Not };
         self.close();
-        frame.take_up(args);
         let (client, before) = (seat::owner(), room.aside.go_in(room.hang_ns));
         seat::enter(owner);
-        let times = fiber.begin_within(&outer, room.hang_ns, frame);
+        fiber.furnish(|place| place.iter_mut().for_each(|frame| frame.take_up(args)));
+        let times = fiber.begin_within(&outer, room.hang_ns);
         seat::enter(&client);
         room.aside.come_out(&before, times);
         if room.is_clean() {

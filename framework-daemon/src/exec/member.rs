@@ -421,7 +421,7 @@ impl Member {
 
     /// Takes up what a handler came to that was entered from within another callback.
     pub(super) fn take_up_aside(&mut self, crew: &mut Crew) {
-        let Some(fiber) = self.lane.as_ref().and_then(|lane| lane.take_out(&mut self.strand)) else { return };
+        let Some(fiber) = self.lane.as_ref().and_then(|lane| lane.take_out()) else { return };
         let Some(unit) = self.unit.as_mut() else { return };
         self.strand.take_up(Job::Serve);
         self.strand.exact = false;

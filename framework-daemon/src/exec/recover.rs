@@ -397,12 +397,14 @@ impl Member {
         self.step(Event::Recover);
         self.step(Event::Start);
         let executes = self.trigger != Trigger::Passive;
+        self.strand.forget();
         let result = self.undertake(Job::Succeed { executes }, &call.timed(), crew);
         self.keep_side_report();
-        let last = self.strand.last().unwrap_or_else(Last::waiting);
+        let last = self.strand.last();
         let times = &mut climb.record.times;
         match result {
             Ok(pause) if executes => {
+                let last = last.unwrap_or_else(Last::waiting);
                 times.ready_ns = Some(last.began_ns.saturating_sub(fault.at_ns));
                 if pause == Pause::Done {
                     times.first_callback_ns = Some(last.ended_ns.saturating_sub(fault.at_ns));
@@ -412,7 +414,9 @@ impl Member {
             Ok(_) => times.ready_ns = Some(since(fault)),
             Err(second) => {
                 self.step(Event::Fault);
-                self.unit.iter_mut().for_each(|unit| unit.started = last.hook == Hook::Execute);
+                self.unit
+                    .iter_mut()
+                    .for_each(|unit| unit.started = last.is_some_and(|last| last.hook == Hook::Execute));
                 return climb.fail(second);
             }
         }

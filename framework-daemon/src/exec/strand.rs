@@ -68,8 +68,7 @@ pub struct Strand {
     begun: u32,
     /// What was rung for meanwhile.
     held: Rings,
-    /// Kept between callbacks, so that none allocates.
-    frame: Option<Box<Frame>>,
+    last: Option<Last>,
     waiting: Option<(Ticket, u64)>,
 }
 
@@ -78,6 +77,12 @@ impl Strand {
     pub fn take_up(&mut self, job: Job) {
         (self.job, self.ran_ns) = (job, 0);
         self.begun = self.begun.wrapping_add(1);
+    }
+
+    /// What is taken up now may wait.
+    #[inline]
+    pub(super) const fn may_wait(&self) -> bool {
+        !matches!(self.job, Job::Succeed { .. })
     }
 
     /// One of many is measured exactly.
@@ -117,42 +122,20 @@ impl Strand {
         self.waiting.take().map(|(ticket, _)| ticket)
     }
 
-    /// What the fiber is given to enter the callback.
-    pub(super) fn frame(&mut self, entry: Entry, call: &Call<'static>, limits: &Limits) -> Box<Frame> {
-        let (next, status) = (Next::of(self.job), CallStatus::Done);
-        match self.frame.take() {
-            Some(mut frame) => {
-                (frame.entry, frame.next, frame.status) = (entry, next, status);
-                call.fill(&mut frame.args);
-                if next != Next::Nothing {
-                    frame.limits = *limits;
-                }
-                frame
-            }
-            None => Box::new(Frame { entry, args: call.args(), limits: *limits, next, status, ended_ns: 0 }),
-        }
-    }
-
-    /// The frame that is kept between callbacks, where another one takes its place.
-    pub(super) fn spare_frame(&mut self) -> Option<Box<Frame>> {
-        self.frame.take()
-    }
-
-    /// The callback that was entered last; `None`: it waits.
+    /// The callback of a succession that was entered last; `None`: it waits, or none was.
     #[must_use]
     pub fn last(&self) -> Option<Last> {
-        self.frame.as_ref().map(|frame| Last {
-            hook: frame.args.hook,
-            began_ns: frame.args.now_ns,
-            ended_ns: frame.ended_ns,
-        })
+        self.last.filter(|_| !self.waits())
     }
 
-    /// What came back from the fiber: how the callback ended.
-    pub(super) fn put_back(&mut self, frame: Box<Frame>) -> CallStatus {
-        let status = frame.status;
-        self.frame = Some(frame);
-        status
+    /// Another succession begins.
+    pub(super) fn forget(&mut self) {
+        self.last = None;
+    }
+
+    /// What came back from the fiber.
+    pub(super) fn note(&mut self, last: Last) {
+        self.last = Some(last);
     }
 }
 
@@ -165,12 +148,14 @@ pub struct Last {
     pub began_ns: u64,
     /// When it returned; known of the first `on_execute` of a successor only.
     pub ended_ns: u64,
+    /// How.
+    pub(super) status: CallStatus,
 }
 
 impl Last {
     /// Of one that waits.
     pub(super) fn waiting() -> Self {
-        Self { hook: Hook::Execute, began_ns: clock::now_ns(), ended_ns: 0 }
+        Self { hook: Hook::Execute, began_ns: clock::now_ns(), ended_ns: 0, status: CallStatus::Done }
     }
 }
 
@@ -205,15 +190,29 @@ impl Next {
 }
 
 impl Frame {
-    /// For handlers of that instance.
-    pub(super) const fn serving(entry: Entry, limits: Limits) -> Self {
-        let args = Call::plain(Hook::Serve).args();
-        Self { entry, args, limits, next: Next::Nothing, status: CallStatus::Done, ended_ns: 0 }
+    /// For that callback. What a callback does not look at stays as the one before left it: each line counts on the way into every
+    /// one.
+    #[inline(always)]
+    pub(super) fn enter(place: &mut Option<Self>, entry: Entry, job: Job, call: &Call<'static>, limits: &Limits) {
+        let Some(frame) = place else {
+            *place = Some(Self::anew(entry, call.args(), limits, job));
+            return;
+        };
+        (frame.entry, frame.next, frame.status) = (entry, Next::Nothing, CallStatus::Done);
+        call.fill(&mut frame.args);
+        if matches!(job, Job::Succeed { .. }) {
+            (frame.next, frame.limits) = (Next::of(job), *limits);
+        }
     }
 
-    /// The same, for another instance.
-    pub(super) fn serve_for(&mut self, entry: Entry, limits: Limits) {
-        *self = Self::serving(entry, limits);
+    #[cold]
+    const fn anew(entry: Entry, args: CallArgs<'static>, limits: &Limits, job: Job) -> Self {
+        Self { entry, args, limits: *limits, next: Next::of(job), status: CallStatus::Done, ended_ns: 0 }
+    }
+
+    /// For handlers of that instance.
+    pub(super) const fn serving(entry: Entry, limits: &Limits) -> Self {
+        Self::anew(entry, Call::plain(Hook::Serve).args(), limits, Job::Serve)
     }
 
     /// What the handler is to serve. Its time is not known.
@@ -224,6 +223,23 @@ impl Frame {
     /// The callback returned as it should.
     pub(super) fn is_done(&self) -> bool {
         self.status == CallStatus::Done
+    }
+
+    /// The same, and nothing was to follow it: there is no more to be said of it.
+    #[inline]
+    pub(super) fn is_plainly_done(&self) -> bool {
+        self.is_done() && self.next == Next::Nothing
+    }
+
+    /// Whatever follows the callback.
+    #[inline(never)]
+    fn succeed(&mut self) {
+        while self.status == CallStatus::Done && self.turn_to_next() {
+            self.status = self.entry.enter(&self.args);
+        }
+        if self.next == Next::StartAndExecute {
+            self.ended_ns = clock::now_ns();
+        }
     }
 
     /// Turns to the next callback of a succession; false: there is none.
@@ -247,13 +263,16 @@ impl Frame {
 }
 
 impl Errand for Frame {
+    type Report = Last;
+
     fn run(&mut self) {
         self.status = self.entry.enter(&self.args);
-        while self.status == CallStatus::Done && self.turn_to_next() {
-            self.status = self.entry.enter(&self.args);
+        if self.next != Next::Nothing {
+            self.succeed();
         }
-        if self.next == Next::StartAndExecute {
-            self.ended_ns = clock::now_ns();
-        }
+    }
+
+    fn report(&self) -> Last {
+        Last { hook: self.args.hook, began_ns: self.args.now_ns, ended_ns: self.ended_ns, status: self.status }
     }
 }

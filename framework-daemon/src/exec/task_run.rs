@@ -105,8 +105,14 @@ struct Part {
 }
 
 impl Errand for Part {
+    type Report = CallStatus;
+
     fn run(&mut self) {
         self.status = self.job.enter(self.phase, self.now_ns);
+    }
+
+    fn report(&self) -> CallStatus {
+        self.status
     }
 }
 
@@ -228,16 +234,17 @@ impl Carried<'_> {
         }
         let now_ns = clock::now_ns();
         let deadline_ns = self.deadline_ns(now_ns, phase);
-        let part = Box::new(Part { job: self.run.job, phase, now_ns, status: CallStatus::Done });
+        let part = Part { job: self.run.job, phase, now_ns, status: CallStatus::Done };
         self.take_seat();
         let may_wait = !self.run.task.is_cancelled();
-        let mut progress = match self.fibers.begin(self.run.stack_bytes, deadline_ns, may_wait, part) {
-            Ok(progress) => progress,
-            Err(error) => return self.rest(Went::Failed(callback::no_stack(&error))),
-        };
+        let mut progress =
+            match self.fibers.begin(self.run.stack_bytes, deadline_ns, may_wait, |place| *place = Some(part)) {
+                Ok(progress) => progress,
+                Err(error) => return self.rest(Went::Failed(callback::no_stack(&error))),
+            };
         loop {
             let went = match progress {
-                Progress::Done(part) => outcome(part.status),
+                Progress::Done(status) => outcome(status),
                 Progress::Trapped(_) => Went::Trapped(callback::last_trap(self.fibers)),
                 Progress::Waits(ticket, until_ns) => {
                     self.side_report();
@@ -261,7 +268,7 @@ impl Carried<'_> {
     }
 
     /// Waits with the fiber, then goes on with it; `None`: it was taken away.
-    fn wait(&mut self, ticket: Ticket, until_ns: u64, phase: Phase) -> Option<Progress<Part>> {
+    fn wait(&mut self, ticket: Ticket, until_ns: u64, phase: Phase) -> Option<Progress<CallStatus>> {
         let task = Arc::clone(&self.run.task);
         task.turn(State::Running, State::Parked);
         if !task.is_cancelled() {

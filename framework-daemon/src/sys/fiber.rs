@@ -27,22 +27,33 @@ pub const NEVER: u64 = u64::MAX;
 /// are written as halves and read as a whole, which stalls the processor for longer than the switch itself takes.
 type Job = *mut &'static mut dyn FnMut();
 
-/// Work that may wait, and so outlives the call that began it.
+/// Work that may wait, and so outlives the call that began it. It lies with its fiber: to carry it there and back would take
+/// half as long as the switch.
 pub trait Errand: Send + 'static {
+    /// What came of it.
+    type Report: Copy;
+
     /// Does it.
     fn run(&mut self);
+
+    /// What came of it so far: it is over, or a trap ended it.
+    fn report(&self) -> Self::Report;
 }
 
 /// No errand: for fibers that run closures only.
 impl Errand for () {
+    type Report = ();
+
     fn run(&mut self) {}
+
+    fn report(&self) {}
 }
 
 /// What a fiber and its executor share.
 struct Core<E> {
     armed: OnceCell<Armed>,
     job: Cell<Job>,
-    errand: UnsafeCell<Option<Box<E>>>,
+    errand: UnsafeCell<Option<E>>,
 }
 
 /// In the place of a job: the errand.
@@ -144,7 +155,7 @@ impl<E: Errand> Fiber<E> {
                 }
                 if job == ERRAND {
                     // SAFETY: set by `begin`; nobody else touches it until this suspends without waiting.
-                    unsafe { (*(*shared).errand.get()).iter_mut().for_each(|errand| errand.run()) };
+                    unsafe { (*(*shared).errand.get()).iter_mut().for_each(E::run) };
                 } else {
                     // SAFETY: `run` sets a pointer to a borrow that it holds until this suspends.
                     unsafe { (*job)() };
@@ -173,47 +184,54 @@ impl<E: Errand> Fiber<E> {
         // touches it later: it may not wait, so it asks for the next job, or it is spent.
         let mut borrow = unsafe { std::mem::transmute::<&mut dyn FnMut(), &'static mut dyn FnMut()>(closure) };
         self.core.job.set(&raw mut borrow);
-        if self.resume(deadline_ns, false).is_some() {
-            return Ended::Returned;
+        self.state = self.resume(deadline_ns, false);
+        if self.state == State::Idle { Ended::Returned } else { Ended::Trapped }
+    }
+
+    /// Says what its errand is: `fill` finds the one that it ran last. Nothing happens unless it is idle.
+    #[inline(always)]
+    pub fn furnish(&mut self, fill: impl FnOnce(&mut Option<E>)) {
+        if self.state == State::Idle {
+            // SAFETY: the fiber is idle: it does not touch it.
+            fill(unsafe { &mut *self.core.errand.get() });
         }
-        self.state = State::Spent;
-        Ended::Trapped
     }
 
-    /// Runs `errand` on the fiber until it returns, traps or waits, where it may: the fiber's state tells. Otherwise as
-    /// [`Self::run`].
+    /// Runs its errand until that returns, traps or waits, where it may; where it returned, this is the errand. Otherwise as
+    /// [`Self::run`]; whoever calls it is never inlined.
     ///
     /// # Panics
     /// As [`Self::run`].
-    pub(super) fn begin(&mut self, deadline_ns: u64, may_wait: bool, errand: Box<E>) {
+    #[inline(always)]
+    pub fn begin(&mut self, deadline_ns: u64, may_wait: bool) -> Option<&E> {
         assert!(self.state == State::Idle, "a fiber that trapped or waits takes no errand");
-        // SAFETY: the fiber is idle: it does not touch it.
-        unsafe { *self.core.errand.get() = Some(errand) };
         self.core.job.set(ERRAND);
-        self.go_on(deadline_ns, may_wait);
+        let after = self.resume(deadline_ns, may_wait);
+        if after != State::Idle {
+            self.state = after;
+            return None;
+        }
+        // SAFETY: the fiber is idle: it does not touch it.
+        unsafe { (*self.core.errand.get()).as_ref() }
     }
 
-    /// Runs `errand` from within a callback on another fiber, until it returns, traps or waits, within that many nanoseconds;
-    /// returns when it began and ended, to a tick. Otherwise as [`Self::run`].
+    /// Runs its errand from within a callback on another fiber, until it returns, traps or waits, within that many nanoseconds;
+    /// returns when it began and ended, to a tick. Otherwise as [`Self::begin`].
     ///
     /// # Panics
     /// As [`Self::run`].
-    pub fn begin_within(&mut self, outer: &Outer, limit_ns: u64, errand: Box<E>) -> (u64, u64) {
+    #[inline(never)]
+    pub fn begin_within(&mut self, outer: &Outer, limit_ns: u64) -> (u64, u64) {
         let began_ns = clock::recent_ns();
-        self.begin((began_ns + clock::TICK_NS).saturating_add(limit_ns), true, errand);
+        let _ = self.begin((began_ns + clock::TICK_NS).saturating_add(limit_ns), true);
         let ended_ns = clock::recent_ns();
         // As after any wait. What is left of its time may be less than the watchdog expects of what begins.
         outer.armed.run_on((ended_ns + clock::TICK_NS).saturating_add(outer.limit_ns));
         (began_ns, ended_ns)
     }
 
-    /// Gives an errand back that was taken too early.
-    pub fn return_errand(&mut self, errand: Box<E>) {
-        // SAFETY: the fiber is idle or spent: it does not touch it.
-        unsafe { *self.core.errand.get() = Some(errand) };
-    }
-
     /// True where it returned and did not trap.
+    #[inline]
     #[must_use]
     pub fn is_idle(&self) -> bool {
         self.state == State::Idle
@@ -226,34 +244,36 @@ impl<E: Errand> Fiber<E> {
     }
 
     /// Goes on with an errand that waits; where it may not wait any more, it comes to its end. Otherwise as
-    /// [`Self::run`].
-    #[inline(never)]
+    /// [`Self::run`]; whoever calls it is never inlined.
+    #[inline(always)]
     pub(super) fn go_on(&mut self, deadline_ns: u64, may_wait: bool) {
-        self.state = match self.resume(deadline_ns, may_wait) {
-            Some(armed) => armed.take_wait().map_or(State::Idle, State::Waiting),
-            None => State::Spent,
-        };
+        self.state = self.resume(deadline_ns, may_wait);
     }
 
-    /// `None`: it trapped.
-    #[inline]
-    fn resume(&mut self, deadline_ns: u64, may_wait: bool) -> Option<&Armed> {
-        let armed = self.core.armed.get()?;
+    /// How it is afterwards.
+    #[inline(always)]
+    fn resume(&mut self, deadline_ns: u64, may_wait: bool) -> State {
+        let Some(armed) = self.core.armed.get() else { return State::Spent };
         armed.arm(deadline_ns, may_wait);
         let result = self.coroutine.resume(());
         shield::end_copy();
         armed.disarm();
         arch::restore_float_control();
-        matches!(result, CoroutineResult::Yield(())).then_some(armed)
+        match result {
+            CoroutineResult::Yield(()) => armed.take_wait().map_or(State::Idle, State::Waiting),
+            CoroutineResult::Return(()) => State::Spent,
+        }
     }
 
-    /// The errand that it ran last, unless it waits.
-    pub fn take_errand(&mut self) -> Option<Box<E>> {
+    /// The errand that it ran last; `None`: that waits, or there was none.
+    #[inline]
+    #[must_use]
+    pub fn errand(&self) -> Option<&E> {
         if matches!(self.state, State::Waiting(_)) {
             return None;
         }
         // SAFETY: the fiber is idle or spent: it does not touch it.
-        unsafe { (*self.core.errand.get()).take() }
+        unsafe { (*self.core.errand.get()).as_ref() }
     }
 
     /// The trap that ended it.

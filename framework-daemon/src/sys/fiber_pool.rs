@@ -12,10 +12,16 @@ use crate::model::limits::{IDLE_FIBERS, TOUCHED_STACK_BYTES, WAITING_FIBERS};
 #[allow(clippy::vec_box, reason = "they are moved from one to the other")]
 type Shelf<E> = Vec<Box<Fiber<E>>>;
 
+/// No stack is that large.
+const NONE_YET: usize = usize::MAX;
+
 /// Fibers for one executor, by size of stack.
 pub struct FiberPool<E: Errand> {
+    /// The size of stack that was asked for first. Most executors have one: to look for it is half of the way to a fiber.
+    bytes: usize,
     // Boxed: one that trapped is put aside while a recovery waits.
-    idle: Vec<(usize, Shelf<E>)>,
+    idle: Shelf<E>,
+    others: Vec<(usize, Shelf<E>)>,
     spent: Shelf<E>,
     waiting: Vec<Option<Box<Fiber<E>>>>,
     lease: Lease,
@@ -25,12 +31,12 @@ pub struct FiberPool<E: Errand> {
 #[derive(Debug, PartialEq, Eq)]
 pub struct Ticket(usize);
 
-/// How far an errand got.
-pub enum Progress<E> {
+/// How far an errand got, with its report.
+pub enum Progress<R> {
     /// It is done.
-    Done(Box<E>),
+    Done(R),
     /// A trap ended it; [`FiberPool::trap`] tells which.
-    Trapped(Box<E>),
+    Trapped(R),
     /// It waits until that moment, unless it is to go on before.
     Waits(Ticket, u64),
 }
@@ -39,7 +45,9 @@ impl<E: Errand> Default for FiberPool<E> {
     /// For the executor whose thread calls it.
     fn default() -> Self {
         Self {
+            bytes: NONE_YET,
             idle: Vec::new(),
+            others: Vec::new(),
             spent: Vec::new(),
             waiting: Vec::with_capacity(WAITING_FIBERS),
             lease: carrier::lease(),
@@ -54,9 +62,8 @@ impl<E: Errand> FiberPool<E> {
     /// When a new fiber is needed and the system has no address space left.
     #[inline]
     pub fn run(&mut self, stack_bytes: usize, deadline_ns: u64, closure: &mut dyn FnMut()) -> std::io::Result<Ended> {
-        let shelf = stocked(&mut self.idle, stack_bytes, &self.lease)?;
         // In its place on the shelf: fibers do not nest.
-        if shelf.last_mut().is_some_and(|fiber| fiber.run(deadline_ns, closure) == Ended::Returned) {
+        if self.ready(stack_bytes)?.run(deadline_ns, closure) == Ended::Returned {
             return Ok(Ended::Returned);
         }
         self.put_aside(stack_bytes);
@@ -67,37 +74,50 @@ impl<E: Errand> FiberPool<E> {
     #[cold]
     #[inline(never)]
     fn put_aside(&mut self, stack_bytes: usize) {
-        let fiber = shelf(&mut self.idle, stack_bytes).pop();
+        let fiber = self.shelf(stack_bytes).pop();
         self.spent.extend(fiber);
     }
 
-    /// Runs `errand` on a fiber with a stack of that size; it must return until `deadline_ns`, or wait, where it may.
+    /// Runs an errand on a fiber with a stack of that size; it must return until `deadline_ns`, or wait, where it may. `fill`
+    /// says what it is: the one that the fiber ran last is still there.
     ///
     /// # Errors
     /// As [`Self::run`].
+    #[inline(never)]
     pub fn begin(
         &mut self,
         stack_bytes: usize,
         deadline_ns: u64,
         may_wait: bool,
-        errand: Box<E>,
-    ) -> std::io::Result<Progress<E>> {
-        let shelf = stocked(&mut self.idle, stack_bytes, &self.lease)?;
-        let Some(fiber) = shelf.last_mut() else { return Err(std::io::ErrorKind::OutOfMemory.into()) };
-        // In its place on the shelf, as long as it does not wait.
-        fiber.begin(deadline_ns, may_wait, errand);
-        if fiber.state == State::Idle
-            && let Some(errand) = fiber.take_errand()
-        {
-            return Ok(Progress::Done(errand));
-        }
-        let fiber = shelf.pop();
-        fiber.and_then(|fiber| self.sort(fiber)).ok_or_else(|| std::io::ErrorKind::Other.into())
+        fill: impl FnOnce(&mut Option<E>),
+    ) -> std::io::Result<Progress<E::Report>> {
+        let fiber = self.ready(stack_bytes)?;
+        fiber.furnish(fill);
+        let _ = fiber.begin(deadline_ns, may_wait);
+        self.sort_out(stack_bytes).ok_or_else(|| std::io::ErrorKind::Other.into())
+    }
+
+    /// The fiber with a stack of that size that is the next to run, in its place: it is sorted out afterwards, unless it is idle.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    #[inline]
+    pub fn ready(&mut self, stack_bytes: usize) -> std::io::Result<&mut Fiber<E>> {
+        let is_at_hand = self.bytes == stack_bytes && !self.idle.is_empty();
+        let shelf = if is_at_hand { &mut self.idle } else { self.stocked(stack_bytes)? };
+        shelf.last_mut().map(|fiber| &mut **fiber).ok_or_else(|| std::io::ErrorKind::OutOfMemory.into())
+    }
+
+    /// Puts the fiber of that size that ran in its place to where it belongs now.
+    pub fn sort_out(&mut self, stack_bytes: usize) -> Option<Progress<E::Report>> {
+        let fiber = self.shelf(stack_bytes).pop()?;
+        self.sort(fiber)
     }
 
     /// Goes on with an errand that waits; where it may not wait any more, it comes to its end. `None`: there is none.
     #[allow(clippy::needless_pass_by_value, reason = "a ticket is good for once")]
-    pub fn go_on(&mut self, ticket: Ticket, deadline_ns: u64, may_wait: bool) -> Option<Progress<E>> {
+    #[inline(never)]
+    pub fn go_on(&mut self, ticket: Ticket, deadline_ns: u64, may_wait: bool) -> Option<Progress<E::Report>> {
         let mut fiber = self.waiting.get_mut(ticket.0)?.take()?;
         fiber.go_on(deadline_ns, may_wait);
         self.sort(fiber)
@@ -114,22 +134,22 @@ impl<E: Errand> FiberPool<E> {
     /// # Errors
     /// As [`Self::run`].
     pub fn lend(&mut self, stack_bytes: usize) -> std::io::Result<Box<Fiber<E>>> {
-        let fiber = stocked(&mut self.idle, stack_bytes, &self.lease)?.pop();
+        let fiber = self.stocked(stack_bytes)?.pop();
         fiber.ok_or_else(|| std::io::ErrorKind::OutOfMemory.into())
     }
 
     /// Takes a fiber back that was lent and has run an errand.
-    pub fn take_back(&mut self, fiber: Box<Fiber<E>>) -> Option<Progress<E>> {
+    pub fn take_back(&mut self, fiber: Box<Fiber<E>>) -> Option<Progress<E::Report>> {
         self.sort(fiber)
     }
 
     /// Takes a fiber back that was lent and is idle.
     pub fn take_back_idle(&mut self, fiber: Box<Fiber<E>>) {
-        shelf(&mut self.idle, fiber.stack_bytes).push(fiber);
+        self.shelf(fiber.stack_bytes).push(fiber);
     }
 
     /// Puts a fiber that ran an errand to where it belongs now.
-    fn sort(&mut self, mut fiber: Box<Fiber<E>>) -> Option<Progress<E>> {
+    fn sort(&mut self, fiber: Box<Fiber<E>>) -> Option<Progress<E::Report>> {
         if let State::Waiting(until_ns) = fiber.state {
             let place = self.waiting.iter().position(Option::is_none).unwrap_or_else(|| {
                 self.waiting.push(None);
@@ -138,13 +158,13 @@ impl<E: Errand> FiberPool<E> {
             self.waiting[place] = Some(fiber);
             return Some(Progress::Waits(Ticket(place), until_ns));
         }
-        let errand = fiber.take_errand()?;
+        let report = fiber.errand()?.report();
         if fiber.state == State::Idle {
-            shelf(&mut self.idle, fiber.stack_bytes).push(fiber);
-            return Some(Progress::Done(errand));
+            self.shelf(fiber.stack_bytes).push(fiber);
+            return Some(Progress::Done(report));
         }
         self.spent.push(fiber);
-        Some(Progress::Trapped(errand))
+        Some(Progress::Trapped(report))
     }
 
     /// The last trap since the last burial.
@@ -165,58 +185,44 @@ impl<E: Errand> FiberPool<E> {
     /// When the system has no address space left.
     pub fn prepare(&mut self, stack_bytes: usize, count: usize) -> std::io::Result<()> {
         self.spent.reserve(IDLE_FIBERS);
-        let (shelf, lease) = (shelf(&mut self.idle, stack_bytes), &self.lease);
-        while shelf.len() < count {
-            let mut fiber = Box::new(Fiber::leased(stack_bytes, lease)?);
+        while self.shelf(stack_bytes).len() < count {
+            let mut fiber = Box::new(Fiber::leased(stack_bytes, &self.lease)?);
             fiber.run(NEVER, &mut touch_stack);
-            shelf.push(fiber);
+            self.shelf(stack_bytes).push(fiber);
         }
         Ok(())
+    }
+
+    /// Fibers with a stack of that size.
+    fn shelf(&mut self, stack_bytes: usize) -> &mut Shelf<E> {
+        if self.bytes == NONE_YET {
+            (self.bytes, self.idle) = (stack_bytes, Vec::with_capacity(IDLE_FIBERS));
+        }
+        if self.bytes == stack_bytes {
+            return &mut self.idle;
+        }
+        let others = &mut self.others;
+        let index = others.iter().position(|(size, _)| *size == stack_bytes).unwrap_or_else(|| {
+            others.push((stack_bytes, Vec::with_capacity(IDLE_FIBERS)));
+            others.len() - 1
+        });
+        &mut others[index].1
+    }
+
+    /// The same, with one on it at least.
+    #[inline(never)]
+    fn stocked(&mut self, stack_bytes: usize) -> std::io::Result<&mut Shelf<E>> {
+        if self.shelf(stack_bytes).is_empty() {
+            let fiber = Box::new(Fiber::leased(stack_bytes, &self.lease)?);
+            self.shelf(stack_bytes).push(fiber);
+        }
+        Ok(self.shelf(stack_bytes))
     }
 
     /// Gives the pages of spent fibers back; a few microseconds each, so it is done when the recovery is over.
     pub fn bury(&mut self) {
         self.spent.clear();
     }
-}
-
-/// Fibers with a stack of that size.
-#[inline]
-fn shelf<E: Errand>(idle: &mut Vec<(usize, Shelf<E>)>, stack_bytes: usize) -> &mut Shelf<E> {
-    // Most executors have one size.
-    let is_first = idle.first().is_some_and(|(size, _)| *size == stack_bytes);
-    let index = if is_first { 0 } else { place(idle, stack_bytes) };
-    &mut idle[index].1
-}
-
-/// Where fibers with a stack of that size are.
-#[inline(never)]
-fn place<E: Errand>(idle: &mut Vec<(usize, Shelf<E>)>, stack_bytes: usize) -> usize {
-    idle.iter().position(|(size, _)| *size == stack_bytes).unwrap_or_else(|| {
-        idle.push((stack_bytes, Vec::with_capacity(IDLE_FIBERS)));
-        idle.len() - 1
-    })
-}
-
-/// As [`shelf`], with a fiber on it at least.
-#[inline]
-fn stocked<'a, E: Errand>(
-    idle: &'a mut Vec<(usize, Shelf<E>)>,
-    stack_bytes: usize,
-    lease: &Lease,
-) -> std::io::Result<&'a mut Shelf<E>> {
-    let shelf = shelf(idle, stack_bytes);
-    if shelf.is_empty() {
-        stock(shelf, stack_bytes, lease)?;
-    }
-    Ok(shelf)
-}
-
-#[cold]
-#[inline(never)]
-fn stock<E: Errand>(shelf: &mut Shelf<E>, stack_bytes: usize, lease: &Lease) -> std::io::Result<()> {
-    shelf.push(Box::new(Fiber::leased(stack_bytes, lease)?));
-    Ok(())
 }
 
 /// Touches as much of a stack as a first callback may need, so that it need not wait for pages.
@@ -238,15 +244,21 @@ mod tests {
     }
 
     impl Errand for Waits {
+        type Report = u32;
+
         fn run(&mut self) {
             for _ in 0..self.times {
                 self.refused += u32::from(park(7).is_err());
             }
         }
+
+        fn report(&self) -> u32 {
+            self.refused
+        }
     }
 
-    fn waits(times: u32) -> Box<Waits> {
-        Box::new(Waits { times, refused: 0 })
+    fn waits(times: u32) -> impl FnOnce(&mut Option<Waits>) {
+        move |place| *place = Some(Waits { times, refused: 0 })
     }
 
     #[test]
@@ -266,8 +278,8 @@ mod tests {
                 .rev()
                 .filter_map(|ticket| match pool.go_on(ticket, NEVER, true).unwrap() {
                     Progress::Waits(ticket, _) => Some(ticket),
-                    Progress::Done(errand) => {
-                        assert_eq!(errand.refused, 0);
+                    Progress::Done(refused) => {
+                        assert_eq!(refused, 0);
                         None
                     }
                     Progress::Trapped(_) => panic!("nothing trapped"),
@@ -283,8 +295,8 @@ mod tests {
         let Progress::Waits(ticket, _) = pool.begin(64 << 10, NEVER, true, waits(5)).unwrap() else {
             panic!("it waits")
         };
-        let Some(Progress::Done(errand)) = pool.go_on(ticket, NEVER, false) else { panic!("it ends") };
-        assert_eq!(errand.refused, 4, "the first wait had begun");
+        let Some(Progress::Done(refused)) = pool.go_on(ticket, NEVER, false) else { panic!("it ends") };
+        assert_eq!(refused, 4, "the first wait had begun");
     }
 
     #[test]
@@ -302,36 +314,45 @@ mod tests {
     }
 
     #[test]
-    fn an_errand_that_traps_after_a_wait_is_given_back() {
-        struct Traps;
+    fn an_errand_that_traps_after_a_wait_reports_how_far_it_got() {
+        struct Traps(u32);
         impl Errand for Traps {
+            type Report = u32;
+
             fn run(&mut self) {
                 let _ = park(1);
+                self.0 += 1;
                 // SAFETY: none; the write faults, which is what is tested.
                 unsafe { std::hint::black_box(16 as *mut u32).write_volatile(1) };
+            }
+
+            fn report(&self) -> u32 {
+                self.0
             }
         }
         trap::install();
         let _stack = crate::sys::thread::SignalStack::new();
         let mut pool = FiberPool::default();
-        let Progress::Waits(ticket, _) = pool.begin(64 << 10, NEVER, true, Box::new(Traps)).unwrap() else {
+        let Progress::Waits(ticket, _) = pool.begin(64 << 10, NEVER, true, |place| *place = Some(Traps(7))).unwrap()
+        else {
             panic!("it waits")
         };
-        assert!(matches!(pool.go_on(ticket, NEVER, true), Some(Progress::Trapped(_))));
+        assert!(matches!(pool.go_on(ticket, NEVER, true), Some(Progress::Trapped(8))));
         assert_eq!(pool.trap().map(|trap| trap.evidence.address), Some(16));
     }
 
     #[test]
-    fn a_pool_keeps_its_fibers() {
+    fn a_pool_keeps_its_fibers_of_each_size() {
         let mut pool = FiberPool::<()>::default();
-        let mut address = [0usize; 2];
-        for slot in &mut address {
-            pool.run(64 << 10, NEVER, &mut || {
-                let local = 0u8;
-                *slot = (&raw const local).addr();
-            })
-            .unwrap();
-        }
-        assert_eq!(address[0], address[1]);
+        let sizes = [0, 64 << 10, 1 << 20, 0, 64 << 10, 1 << 20];
+        let addresses = sizes.map(|bytes| {
+            let mut address = 0;
+            let closure = &mut || address = (&raw const *std::hint::black_box(&0u8)).addr() & !0xfff;
+            pool.run(bytes, NEVER, closure).unwrap();
+            address
+        });
+        assert_eq!(addresses[..3], addresses[3..]);
+        pool.prepare(0, 2).unwrap();
+        assert_eq!(pool.shelf(0).len(), 2);
     }
 }

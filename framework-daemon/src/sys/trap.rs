@@ -106,7 +106,12 @@ impl Armed {
     /// Until when the code on the fiber waits; `None`: it does not.
     #[inline]
     pub(super) fn take_wait(&self) -> Option<u64> {
-        Some(self.wait.until_ns.take()).filter(|until_ns| *until_ns != 0)
+        let until_ns = self.wait.until_ns.get();
+        if until_ns == 0 {
+            return None;
+        }
+        self.wait.until_ns.set(0);
+        Some(until_ns)
     }
 
     /// The trap that ended it.

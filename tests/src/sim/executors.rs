@@ -129,10 +129,9 @@ impl Executors {
     pub(super) fn begin(&mut self, slot: usize, job: Job) {
         let executor = self.executor(slot);
         self.world.take_thread(&self.world.bells[executor]);
-        let (world, ends) = (Arc::clone(&self.world), self.world.ends(slot));
-        let script = Box::new(Script { world, slot, ends, job, way: Way::Returned });
+        let script = Script::new(&self.world, slot, job);
         self.world.enter(executor, slot);
-        let begun = lane::fibers(slot).borrow_mut().begin(STACK_BYTES, NEVER, true, script);
+        let begun = lane::fibers(slot).borrow_mut().begin(STACK_BYTES, NEVER, true, |place| *place = Some(script));
         match begun {
             Ok(progress) => self.settle(slot, Some(progress)),
             Err(error) => self.world.wrong(format!("no fiber: {error}")),
@@ -166,7 +165,7 @@ impl Executors {
     }
 
     /// What follows a stretch of a callback, and then what was entered from within it and is to be taken up.
-    fn settle(&mut self, slot: usize, progress: Option<Progress<Script>>) {
+    fn settle(&mut self, slot: usize, progress: Option<Progress<Way>>) {
         let executor = self.executor(slot);
         match progress {
             Some(Progress::Waits(ticket, _)) if self.world.take_gave_way() => {
@@ -183,13 +182,13 @@ impl Executors {
         }
     }
 
-    fn conclude(&mut self, slot: usize, progress: Option<Progress<Script>>) {
+    fn conclude(&mut self, slot: usize, progress: Option<Progress<Way>>) {
         match progress {
             Some(Progress::Waits(ticket, until_ns)) => {
                 self.world.waiting[slot].store(true, Ordering::Relaxed);
                 self.strands[slot].waiting = Some((ticket, until_ns));
             }
-            Some(Progress::Done(script)) => self.ended(slot, script.way),
+            Some(Progress::Done(way)) => self.ended(slot, way),
             Some(Progress::Trapped(_)) | None => self.world.wrong(format!("the fiber of slot {slot} is gone")),
         }
     }

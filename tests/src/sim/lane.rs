@@ -10,7 +10,7 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, MutexGuard, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, Weak};
 
 use component_sdk::abi::calls::ServeArgs;
 use framework_daemon::port::pattern::direct::{Lane, Served};
@@ -46,7 +46,7 @@ pub(super) struct Aside {
     /// How often they asked.
     turns: usize,
     /// What the executor has to take up, in that order.
-    news: VecDeque<(usize, Progress<Script>)>,
+    news: VecDeque<(usize, Progress<Way>)>,
 }
 
 impl World {
@@ -66,7 +66,7 @@ impl World {
     }
 
     /// What came of a handler that was set aside.
-    pub(super) fn take_news(&self, executor: usize) -> Option<(usize, Progress<Script>)> {
+    pub(super) fn take_news(&self, executor: usize) -> Option<(usize, Progress<Way>)> {
         self.aside(executor).news.pop_front()
     }
 
@@ -133,13 +133,13 @@ impl Lane for Played {
 
 impl Played {
     /// The handler, until it waits or comes to its end. `None`: there is no fiber.
-    fn run(&self, world: &Arc<World>, outer: &Outer, (id, number): (u64, u64)) -> Option<Progress<Script>> {
+    fn run(&self, world: &Arc<World>, outer: &Outer, (id, number): (u64, u64)) -> Option<Progress<Way>> {
         let job = Job::Serve(id, number);
-        let script =
-            Script { world: Arc::clone(world), slot: self.slot, ends: world.ends(self.slot), job, way: Way::Returned };
+        let script = Script::new(world, self.slot, job);
         let pool = fibers(self.slot);
         let mut fiber = pool.borrow_mut().lend(STACK_BYTES).ok()?;
-        fiber.begin_within(outer, NEVER, Box::new(script));
+        fiber.furnish(|place| *place = Some(script));
+        fiber.begin_within(outer, NEVER);
         let mut progress = pool.borrow_mut().take_back(fiber)?;
         loop {
             match progress {
@@ -160,9 +160,9 @@ impl Played {
     }
 
     /// How far it got. What is not over, or left something, is taken up by the executor.
-    fn judge(&self, world: &World, number: u64, progress: Progress<Script>) -> Served {
+    fn judge(&self, world: &World, number: u64, progress: Progress<Way>) -> Served {
         let way = match &progress {
-            Progress::Done(script) => Some(script.way),
+            Progress::Done(way) => Some(*way),
             Progress::Trapped(_) | Progress::Waits(..) => None,
         };
         // Now and then one that returned left something to be asked about.
@@ -191,20 +191,26 @@ impl Played {
 struct Driver {
     slot: usize,
     ticket: Option<Ticket>,
-    progress: Option<Progress<Script>>,
+    progress: Arc<Mutex<Option<Progress<Way>>>>,
 }
 
 impl Errand for Driver {
+    type Report = ();
+
     fn run(&mut self) {
         let go_on = |ticket| fibers(self.slot).borrow_mut().go_on(ticket, NEVER, true);
-        self.progress = self.ticket.take().and_then(go_on);
+        *self.progress.lock().expect("one thread") = self.ticket.take().and_then(go_on);
     }
+
+    fn report(&self) {}
 }
 
-fn go_on_within(outer: &Outer, slot: usize, ticket: Ticket) -> Option<Progress<Script>> {
+fn go_on_within(outer: &Outer, slot: usize, ticket: Ticket) -> Option<Progress<Way>> {
     let mut fiber = DRIVERS.with_borrow_mut(|drivers| drivers.lend(DRIVER_STACK_BYTES)).ok()?;
-    fiber.begin_within(outer, NEVER, Box::new(Driver { slot, ticket: Some(ticket), progress: None }));
-    let progress = fiber.take_errand().and_then(|driver| driver.progress);
+    let progress = Arc::default();
+    let driver = Driver { slot, ticket: Some(ticket), progress: Arc::clone(&progress) };
+    fiber.furnish(|place| *place = Some(driver));
+    fiber.begin_within(outer, NEVER);
     DRIVERS.with_borrow_mut(|drivers| drivers.take_back_idle(fiber));
-    progress
+    progress.lock().expect("one thread").take()
 }

@@ -46,15 +46,42 @@ pub(super) enum Way {
 
 /// A callback on its fiber.
 pub(super) struct Script {
-    pub(super) world: Arc<World>,
-    pub(super) slot: usize,
-    pub(super) ends: Arc<Ends>,
-    pub(super) job: Job,
-    pub(super) way: Way,
+    /// Until it is over: its fiber outlives the world.
+    scene: Option<Scene>,
+    way: Way,
+}
+
+/// Where it plays.
+struct Scene {
+    world: Arc<World>,
+    slot: usize,
+    ends: Arc<Ends>,
+    job: Job,
+}
+
+impl Script {
+    /// What a fiber of that slot is given.
+    pub(super) fn new(world: &Arc<World>, slot: usize, job: Job) -> Self {
+        let scene = Scene { world: Arc::clone(world), slot, ends: world.ends(slot), job };
+        Self { scene: Some(scene), way: Way::Returned }
+    }
 }
 
 impl Errand for Script {
+    type Report = Way;
+
     fn run(&mut self) {
+        self.way = self.scene.as_ref().map_or(self.way, Scene::play);
+        self.scene = None;
+    }
+
+    fn report(&self) -> Way {
+        self.way
+    }
+}
+
+impl Scene {
+    fn play(&self) -> Way {
         let actor = Actor {
             world: &self.world,
             slot: self.slot,
@@ -75,7 +102,7 @@ impl Errand for Script {
             Job::Tick => actor.tick(),
             Job::Value(value, place) => actor.handle(value, place),
         }
-        self.way = actor.way.get();
+        actor.way.get()
     }
 }
 

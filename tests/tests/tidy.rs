@@ -55,6 +55,7 @@ const UNSAFE: &[&str] = &[
     "framework-daemon/src/sys/fiber.rs",
     "framework-daemon/src/sys/foreign.rs",
     "framework-daemon/src/sys/futex.rs",
+    "framework-daemon/src/sys/grave.rs",
     "framework-daemon/src/sys/heap.rs",
     "framework-daemon/src/sys/last_words.rs",
     "framework-daemon/src/sys/leaf.rs",

@@ -26,7 +26,7 @@ use crate::model::symptom::SeverityTable;
 use crate::model::time::nanoseconds;
 use crate::sys::carrier::{self, Carried};
 use crate::sys::wake::Waker;
-use crate::sys::{clock, watchdog};
+use crate::sys::{clock, grave, watchdog};
 
 /// Shelves that want something, each at most once, and what wakes the thread.
 struct Orders {
@@ -285,6 +285,7 @@ impl Worker {
                 shelf.waits.store(false, Ordering::Release);
                 self.serve(&shelf);
                 self.crew.fibers.bury();
+                grave::level_many();
                 self.orders.served.fetch_add(1, Ordering::Release);
             }
             self.wake_resting();

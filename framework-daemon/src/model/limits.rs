@@ -195,6 +195,10 @@ pub const TIME_AT_ONCE_NS: u64 = 1_000_000;
 pub const WAIT_MAX: Duration = Duration::from_secs(7 * 24 * 3600);
 /// Fibers that wait which an executor makes room for; more are possible.
 pub const WAITING_FIBERS: usize = 64;
+/// From so many stacks of ended fibers on their pages are given back, all at once; as many again may wait for that.
+pub const GRAVES: usize = 32;
+/// The same by what their stacks could hold, in bytes.
+pub const GRAVE_BYTES: usize = 16 << 20;
 /// Blocks of an output port beyond those that its readers can hold.
 pub const SPARE_BLOCKS: usize = 2;
 /// Connections of an output that are made at run time before its table grows.

@@ -15,10 +15,9 @@ use corosensei::stack::Stack;
 use corosensei::{Coroutine, CoroutineResult};
 
 use super::carrier::Lease;
-use super::shield;
-use super::stack::{self, OwnStack};
+use super::stack::OwnStack;
 use super::trap::{self, Armed, Trap};
-use super::{arch, clock};
+use super::{arch, clock, grave, shield};
 
 /// A deadline that is never over.
 pub const NEVER: u64 = u64::MAX;
@@ -292,9 +291,12 @@ impl<E: Errand> Drop for Fiber<E> {
             // SAFETY: dropped once, here, and not used afterwards.
             unsafe { ManuallyDrop::drop(&mut self.coroutine) };
         } else {
+            // One that overflowed is in memory as a whole.
+            let is_full = self.trap().is_some_and(|trap| trap.stack_overflow);
+            let bytes = if is_full { usize::MAX } else { self.stack_bytes };
             // SAFETY: nothing runs on it any more, and nobody frees it: the coroutine is never dropped. One that waits is
             // not resumed either: what it waits for is gone.
-            unsafe { stack::entomb(self.range.clone()) };
+            unsafe { grave::entomb(self.range.clone(), bytes) };
         }
     }
 }

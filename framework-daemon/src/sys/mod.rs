@@ -33,6 +33,9 @@ mod seen;
 /// Stacks of fibers.
 mod stack;
 
+/// What becomes of stacks that are never used again.
+pub mod grave;
+
 /// Threads that plugins start.
 pub mod foreign;
 

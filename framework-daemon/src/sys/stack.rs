@@ -1,4 +1,4 @@
-//! Stacks of fibers, and what becomes of those that are never used again.
+//! Stacks of fibers.
 //!
 //! Each has the pages of page tables that map it for itself. A grave that shares one with its neighbours would keep it for
 //! ever: two kilobytes for each fiber that was ended, a gigabyte after half a million.
@@ -13,7 +13,8 @@ use corosensei::stack::{MIN_STACK_SIZE, Stack, StackPointer};
 /// What one page of page tables maps (pages of 4 KiB; where they are larger, graves share, and cost what they cost).
 const TABLE_BYTES: usize = 2 << 20;
 
-const FLAGS: i32 = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE;
+/// Addresses that nothing lies behind.
+pub(super) const RESERVED: i32 = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE;
 
 /// A stack with a guard below it, in a range of addresses that it shares with nothing.
 pub(super) struct OwnStack {
@@ -39,7 +40,7 @@ impl OwnStack {
         }
     }
 
-    /// All its addresses, for [`entomb`].
+    /// All its addresses, for [`super::grave::entomb`].
     pub(super) fn range(&self) -> Range<usize> {
         self.range.clone()
     }
@@ -69,7 +70,7 @@ fn reserve(len: usize) -> io::Result<Range<usize>> {
     let whole = len + TABLE_BYTES;
     // SAFETY: a new mapping, wherever the system likes; what is cut off of it is not used yet.
     unsafe {
-        let mapped = libc::mmap(std::ptr::null_mut(), whole, libc::PROT_NONE, FLAGS, -1, 0);
+        let mapped = libc::mmap(std::ptr::null_mut(), whole, libc::PROT_NONE, RESERVED, -1, 0);
         if mapped == libc::MAP_FAILED {
             return Err(io::Error::last_os_error());
         }
@@ -88,20 +89,6 @@ unsafe fn cut(range: Range<usize>) {
         // SAFETY: the caller's promise.
         unsafe { libc::munmap(without_provenance_mut(range.start), range.len()) };
     }
-}
-
-/// Gives the pages of a stack back and makes its range inaccessible; the addresses are never used again, because a thread
-/// that the component started may still hold some.
-///
-/// A fresh mapping over the range, not `madvise` and `mprotect`: those keep what makes the kernel hold the ranges apart,
-/// and 20,000 graves would reach its limit of mappings. Fresh ones merge into one.
-///
-/// # Safety
-/// The range must be that of an [`OwnStack`] on which nothing runs any more and which is never dropped.
-pub(super) unsafe fn entomb(range: Range<usize>) {
-    let start = without_provenance_mut(range.start);
-    // SAFETY: the caller's promise.
-    unsafe { libc::mmap(start, range.len(), libc::PROT_NONE, FLAGS | libc::MAP_FIXED, -1, 0) };
 }
 
 fn page_bytes() -> usize {

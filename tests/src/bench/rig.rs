@@ -148,22 +148,27 @@ impl Rig {
         let (mut own, mut raw) = (Steps::default(), Samples::default());
         for _ in 0..faults {
             own.add(&self.fault(inject));
-            std::thread::sleep(PAUSE);
+            self.calm_down(inject);
             raw.add(limit());
         }
         (own, raw)
     }
 
-    fn fault(&mut self, inject: u8) -> FaultEvent {
+    /// The same before both, so that neither finds the processor warmer.
+    fn calm_down(&mut self, inject: u8) {
         // What stands ready is what is measured, not how fast it is made.
         self.workshop.settle(PATIENCE);
         if inject != 0 {
             // A cycle in which nothing happens, as there are many between two faults: the spare is picked up in it.
             self.member.execute(&mut self.crew);
             self.workshop.settle(PATIENCE);
-            self.member.inject.push_back(inject);
         }
         std::thread::sleep(PAUSE);
+    }
+
+    fn fault(&mut self, inject: u8) -> FaultEvent {
+        self.calm_down(inject);
+        self.member.inject.extend((inject != 0).then_some(inject));
         loop {
             self.member.execute(&mut self.crew);
             // A callback that lost its core for too long is late, too, and a recovery may fail by that: not what is measured.

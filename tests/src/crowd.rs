@@ -54,8 +54,7 @@ fn profiles(busy: Duration) -> Profiles {
     });
     let profiles = Profiles::new(&application(&slots.collect::<Vec<_>>(), &[]));
     profiles.describe(&plugin_dir().join("libqueries.so"));
-    let executors: String = ["left", "right"].map(|name| format!("<executor name=\"{name}\"/>")).concat();
-    profiles.write("system.xml", &format!("<system_profile><name>crowd</name>{executors}</system_profile>"));
+    profiles.executors(&["left", "right"]);
     profiles
 }
 

@@ -15,6 +15,9 @@ pub mod campaign;
 /// A crowd of components that ask each other, on real threads.
 pub mod crowd;
 
+/// Components that try to harm the daemon.
+pub mod culprit;
+
 /// Where the daemon's binary is.
 pub mod daemon_binary;
 

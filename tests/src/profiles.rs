@@ -41,6 +41,12 @@ impl Profiles {
         std::fs::write(self.path().join(name), text).expect("the directory is writable");
     }
 
+    /// A system with executors of these names, as the system wants them.
+    pub fn executors(&self, names: &[&str]) {
+        let executors: String = names.iter().map(|name| format!("<executor name=\"{name}\"/>")).collect();
+        self.write("system.xml", &format!("<system_profile><name>test</name>{executors}</system_profile>"));
+    }
+
     /// Replaces text in a file.
     ///
     /// # Panics

@@ -120,9 +120,7 @@ fn profiles(strikes: u64) -> Profiles {
     for class in ["Panic", "NullWrite"] {
         profiles.replace(&format!("{class}.xml"), "<period>1ms</period>", "<period>200us</period>");
     }
-    let system =
-        "<system_profile><name>soak</name><executor name=\"panics\"/><executor name=\"traps\"/></system_profile>";
-    profiles.write("system.xml", system);
+    profiles.executors(&["panics", "traps"]);
     profiles
 }
 

@@ -84,7 +84,7 @@ fn recover_from<'a>(symptoms: impl Iterator<Item = &'a str>, rules: &str) {
     let inside =
         format!("<executor>watched</executor><fault_tolerance><severity>reset</severity>{rules}</fault_tolerance>");
     let profiles = Profiles::new(&application(&[slot("ticker", "Ticker", &inside)], &[]));
-    profiles.write("system.xml", "<system_profile><name>a</name><executor name=\"watched\"/></system_profile>");
+    profiles.executors(&["watched"]);
     let plan = load::load(profiles.path()).unwrap().plan;
     let (sender, events) = crossbeam_channel::bounded(64);
     EVENTS.store(Box::into_raw(Box::new(events.clone())), Ordering::Release);

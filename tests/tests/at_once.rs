@@ -57,8 +57,7 @@ fn probed(executor: &str) -> Profiles {
     let connections = ends.map(connection);
     let profiles = Profiles::new(&application(&slots, &connections.each_ref().map(String::as_str)));
     profiles.describe(&plugin_dir().join("libhostile.so"));
-    let executors = "<executor name=\"main\"/><executor name=\"other\"/>";
-    profiles.write("system.xml", &format!("<system_profile><name>s</name>{executors}</system_profile>"));
+    profiles.executors(&["main", "other"]);
     profiles
 }
 

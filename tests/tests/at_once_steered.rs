@@ -23,8 +23,7 @@ fn profiles(executor: &str) -> Profiles {
     let profiles =
         Profiles::new(&application(&slots, &[&connection_of("service", "insistent.ask -> moody.asked", "")]));
     profiles.describe(&plugin_dir().join("libhostile.so"));
-    let executors = "<executor name=\"main\"/><executor name=\"other\"/>";
-    profiles.write("system.xml", &format!("<system_profile><name>s</name>{executors}</system_profile>"));
+    profiles.executors(&["main", "other"]);
     profiles
 }
 

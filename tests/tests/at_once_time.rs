@@ -14,7 +14,7 @@ fn profiles(slots: &[String], ends: &[&str]) -> Profiles {
     let connections: Vec<&str> = connections.iter().map(String::as_str).collect();
     let profiles = Profiles::new(&application(slots, &connections));
     profiles.describe(&plugin_dir().join("libhostile.so"));
-    profiles.write("system.xml", "<system_profile><name>s</name><executor name=\"main\"/></system_profile>");
+    profiles.executors(&["main"]);
     profiles
 }
 

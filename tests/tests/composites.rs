@@ -42,8 +42,7 @@ fn profiles(more: &[String]) -> Profiles {
     let ears = ["left", "right"].map(|name| slot(name, "Listener", ""));
     let shown = ["left.heard -> heard", "right.heard -> heard"];
     profiles.write("Ears.xml", &composite("Ears", &ears, &[], &shown));
-    let executors = "<executor name=\"main\"/><executor name=\"other\"/>";
-    profiles.write("system.xml", &format!("<system_profile><name>s</name>{executors}</system_profile>"));
+    profiles.executors(&["main", "other"]);
     profiles
 }
 

@@ -3,8 +3,6 @@
 use tests::profiles::{Profiles, application, connection, slot};
 use tests::running::Running;
 
-const ONE_EXECUTOR: &str = "<system_profile><name>one</name><executor name=\"main\"/></system_profile>";
-
 fn chain(executor: &str) -> String {
     application(
         &[
@@ -34,7 +32,7 @@ fn a_chain_over_three_executors_loses_nothing() {
 #[test]
 fn a_chain_on_one_executor_runs_inline() {
     let profiles = Profiles::new(&chain("<executor>main</executor>"));
-    profiles.write("system.xml", ONE_EXECUTOR);
+    profiles.executors(&["main"]);
     let mut daemon = Running::start(profiles.path(), &[]);
     assert!(daemon.log().contains("3 slots on 1 executors"), "{}", daemon.log());
     daemon.wait_for("heard 301 of 307 from ticker");
@@ -50,7 +48,7 @@ fn a_reader_that_takes_one_of_several_is_called_for_each() {
     let main = "<executor>main</executor>";
     let slots = [slot("burst", "Burst", main), slot("nibbler", "Nibbler", main)];
     let profiles = Profiles::new(&application(&slots, &["burst.out -> nibbler.heard"]));
-    profiles.write("system.xml", ONE_EXECUTOR);
+    profiles.executors(&["main"]);
     let daemon = Running::start(profiles.path(), &[]);
     daemon.wait_for("nibbled 300 of 300");
 }
@@ -81,7 +79,7 @@ fn sonar(on_invalid: &str) -> Heard {
     let application = application(&[slot("gauge", "Gauge", main), slot("sonar", "Sonar", main)], &[]);
     let wired = connection("sonar.out -> gauge.heard", &validity);
     let profiles = Profiles::new(&application.replace("<port_connections>", &format!("<port_connections>{wired}")));
-    profiles.write("system.xml", ONE_EXECUTOR);
+    profiles.executors(&["main"]);
     let mut daemon = Running::start(profiles.path(), &[]);
     let faults = daemon.journal("fault", 5);
     let slots = daemon.stop();

@@ -207,10 +207,7 @@ fn a_fault_stop_may_cover_all_slots_of_its_executor() {
         let wanted = format!("<name>{slot}</name><reference>Witness.xml</reference>{end}");
         profiles.replace("app.xml", &written, &wanted);
     }
-    profiles.write(
-        "system.xml",
-        "<system_profile><name>robot</name><executor name=\"left\"/><executor name=\"right\"/></system_profile>",
-    );
+    profiles.executors(&["left", "right"]);
     let daemon = Running::start(profiles.path(), &["--inject", "one:crash.segv@0.2"]);
     let held = daemon.journal("held", 1).remove(0);
     assert_eq!((held["slot"].as_str(), held["reason"].as_str()), (Some("other"), Some("covered by the fault of one")));

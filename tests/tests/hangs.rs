@@ -14,7 +14,7 @@ fn stuck(how: &str) -> Profiles {
     let neighbour = slot("neighbour", "Ticker", "<executor>main</executor>");
     let profiles = Profiles::new(&application(&[slot("stuck", "Stuck", &how), neighbour], &[]));
     profiles.describe(&plugin_dir().join("libhostile.so"));
-    profiles.write("system.xml", "<system_profile><name>s</name><executor name=\"main\"/></system_profile>");
+    profiles.executors(&["main"]);
     let semantics = "<execution_semantics>";
     profiles.replace("Stuck.xml", semantics, &format!("{semantics}<deadline hang=\"20ms\">10ms</deadline>"));
     profiles

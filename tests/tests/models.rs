@@ -29,7 +29,7 @@ fn plant(script: &str, plant: &[(&str, &str)], rules: &str, model: &str) -> Prof
     let model = format!("<reference_model component=\"model\" {model}/>\n</application_profile>");
     let profiles = Profiles::new(&text.replace("</application_profile>", &model));
     profiles.describe(&plugin_dir().join("libsignals.so"));
-    profiles.write("system.xml", "<system_profile><name>s</name><executor name=\"main\"/></system_profile>");
+    profiles.executors(&["main"]);
     profiles
 }
 

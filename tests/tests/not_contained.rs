@@ -4,34 +4,19 @@ use std::os::unix::net::UnixStream;
 use std::os::unix::process::ExitStatusExt;
 
 use serde_json::Value;
-use tests::profiles::{Profiles, application, plugin_dir, slot};
+use tests::culprit::{self, beside, doer, the_other_goes_on};
+use tests::profiles::{Profiles, application, plugin_dir};
 use tests::running::Running;
 
-const RULES: &str = "<fault_tolerance><severity>reset</severity><reset limit=\"2\" within=\"60s\"/></fault_tolerance>";
-
-/// A slot that does that deed.
-fn doer(name: &str, deed: &str, inside: &str) -> String {
-    let property = format!("<properties><property name=\"deed\" type=\"string\">{deed}</property></properties>");
-    slot(name, "Shielded", &format!("{property}{inside}{RULES}"))
-}
-
-/// These, beside one on another executor.
-fn profiles(doers: &[String]) -> Profiles {
-    let slots: Vec<String> = doers.iter().cloned().chain([slot("ticker", "Ticker", "")]).collect();
-    let profiles = Profiles::new(&application(&slots, &[]));
-    profiles.describe(&plugin_dir().join("libshielded.so"));
-    profiles
-}
-
 fn daemon(doers: &[String]) -> (Profiles, Running) {
-    let profiles = profiles(doers);
+    let profiles = beside(doers);
     let daemon = Running::start(profiles.path(), &[]);
     (profiles, daemon)
 }
 
 /// The daemon ends by that signal, maybe before it is ready.
 fn ends_by(deed: &str, signal: i32) -> Running {
-    let profiles = profiles(&[doer("culprit", deed, "")]);
+    let profiles = culprit::alone(deed);
     let mut daemon = Running::spawn(profiles.path(), &[]);
     assert_eq!(daemon.wait().signal(), Some(signal), "the log:\n{}", daemon.log());
     daemon
@@ -43,13 +28,6 @@ fn alone(deed: &str) -> (Profiles, Running) {
 
 fn of<'a>(faults: &'a [Value], field: &str) -> Vec<&'a str> {
     faults.iter().map(|fault| fault[field].as_str().unwrap_or_default()).collect()
-}
-
-/// The other slot works, and had no fault.
-fn the_other_goes_on(daemon: &mut Running) {
-    let slots = daemon.stop();
-    let other = slots.iter().find(|slot| slot["slot"] == "ticker").expect("it is in the summary");
-    assert_eq!((&other["state"], &other["faults"]), (&"active".into(), &0.into()), "{other}");
 }
 
 /// The successors of who failed under that lock hang on it; the watchdog ends them, and the ladder comes to its end.
@@ -80,7 +58,7 @@ fn the_address_of_a_thread_local_that_was_kept_across_a_wait_is_stale() {
         &[],
     ));
     profiles.describe(&plugin_dir().join("libshielded.so"));
-    profiles.write("system.xml", "<system_profile><name>s</name><executor name=\"main\"/></system_profile>");
+    profiles.executors(&["main"]);
     let mut daemon = Running::start(profiles.path(), &[]);
     daemon.wait_for("its thread-local is elsewhere, and what it kept still says 7");
     let _ = daemon.stop();

@@ -164,8 +164,7 @@ fn ledger_goes_on_from(executor: &str) -> u64 {
     let connection = connection_of("service", "depositor.ask -> ledger.asked", "");
     let profiles = Profiles::new(&application(&slots, &[&connection]));
     profiles.describe(&plugin_dir().join("libhostile.so"));
-    let executors = "<executor name=\"main\"/><executor name=\"other\"/>";
-    profiles.write("system.xml", &format!("<system_profile><name>s</name>{executors}</system_profile>"));
+    profiles.executors(&["main", "other"]);
     let daemon = Running::start(profiles.path(), &[]);
     daemon.wait_for("the ledger goes on from [");
     let line = daemon.lines("the ledger goes on from [").remove(0);

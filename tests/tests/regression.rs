@@ -170,7 +170,7 @@ fn one_component_that_hangs_does_not_hold_up_the_others_for_long() {
         (0..20).map(|number| slot(&format!("diary{number}"), "Diary", "<executor>main</executor>")).collect();
     slots.push(slot("stubborn", "Stubborn", "<executor>main</executor>"));
     let profiles = Profiles::new(&application(&slots, &[]));
-    profiles.write("system.xml", "<system_profile><name>s</name><executor name=\"main\"/></system_profile>");
+    profiles.executors(&["main"]);
     let mut daemon = Running::start(profiles.path(), &[]);
     daemon.stop();
     // It is ended, and the others stop in order on the thread that took over.

@@ -3,24 +3,12 @@
 #![allow(unsafe_code, reason = "a system that permits no filters")]
 
 use tests::asking::ask;
-use tests::profiles::{Profiles, application, plugin_dir, slot};
+use tests::culprit::{alone, the_other_goes_on};
 use tests::running::Running;
-
-/// A slot that does that deed, beside one on another executor that must not notice.
-fn culprit(deed: &str) -> Profiles {
-    let inside = format!(
-        "<properties><property name=\"deed\" type=\"string\">{deed}</property></properties>\
-         <fault_tolerance><severity>reset</severity><reset limit=\"2\" within=\"60s\"/></fault_tolerance>"
-    );
-    let slots = [slot("culprit", "Shielded", &inside), slot("ticker", "Ticker", "")];
-    let profiles = Profiles::new(&application(&slots, &[]));
-    profiles.describe(&plugin_dir().join("libshielded.so"));
-    profiles
-}
 
 /// The daemon outlives the deed each time, blames `culprit` for `symptom`, and stops it in the end; the other slot runs on.
 fn contained(deed: &str, symptom: &str) {
-    let mut daemon = Running::start(culprit(deed).path(), &[]);
+    let mut daemon = Running::start(alone(deed).path(), &[]);
     daemon.wait_for("the slot is stopped");
     let faults = daemon.journal("fault", 3);
     for fault in &faults {
@@ -31,24 +19,16 @@ fn contained(deed: &str, symptom: &str) {
     let actions = faults.iter().map(|fault| fault["action"].as_str().unwrap_or_default());
     let actions: Vec<_> = actions.filter(|action| *action != "ignore").collect();
     assert_eq!(actions, ["reset", "reset", "stop"], "{deed}");
-    goes_on(&mut daemon, deed);
-}
-
-/// The other slot is at work, and has been all the time.
-fn goes_on(daemon: &mut Running, deed: &str) {
-    let slots = daemon.stop();
-    let other = slots.iter().find(|slot| slot["slot"] == "ticker").expect("it is in the summary");
-    assert_eq!((other["state"].as_str(), other["faults"].as_u64()), (Some("active"), Some(0)), "{deed}");
-    assert!(other["cycles"].as_u64() > Some(0), "{deed}");
+    the_other_goes_on(&mut daemon);
 }
 
 /// The deed is no fault, and the component runs on after it.
 fn allowed(deed: &str) {
-    let mut daemon = Running::start(culprit(deed).path(), &[]);
+    let mut daemon = Running::start(alone(deed).path(), &[]);
     daemon.wait_for_lines(&format!("is over: {deed}"), 3);
     let faults = daemon.entries("fault");
     assert!(faults.is_empty(), "{deed}: {faults:?}");
-    goes_on(&mut daemon, deed);
+    the_other_goes_on(&mut daemon);
 }
 
 #[test]
@@ -110,7 +90,7 @@ fn where_no_filter_is_permitted_the_log_says_so_and_all_else_is_contained() {
     refuse_filters();
     contained("exit", "crash.exit");
     contained("thread null", "crash.segv");
-    let profiles = culprit("syscall exit_group");
+    let profiles = alone("syscall exit_group");
     // It may be over before it is ready.
     let mut daemon = Running::spawn(profiles.path(), &[]);
     daemon.wait_for("allow `seccomp` and `no_new_privs`");
@@ -154,7 +134,7 @@ fn a_components_own_signal_handler_ends_alone_on_whatever_thread() {
 fn a_panic_on_a_components_own_thread_is_told_with_its_place() {
     contained("thread panic", "crash.panic");
     contained("thread double panic", "crash.abort");
-    let daemon = Running::start(culprit("thread panic").path(), &[]);
+    let daemon = Running::start(alone("thread panic").path(), &[]);
     let evidence = daemon.journal("fault", 1).remove(0)["evidence"].take();
     assert_eq!(evidence["message"], "astray");
     assert!(evidence["file"].as_str().is_some_and(|file| file.ends_with("astray.rs")));
@@ -181,7 +161,7 @@ fn limits_and_filters_of_the_process_are_not_for_components() {
 
 /// The daemon keeps its own: it is asked, reloads, writes its journal from the beginning on, and ends in order.
 fn keeps_its_descriptors(deed: &str) {
-    let profiles = culprit(deed);
+    let profiles = alone(deed);
     let mut daemon = Running::start(profiles.path(), &[]);
     daemon.wait_for_lines(&format!("is over: {deed}"), 3);
     for asked in ["component list", "reload", "component list"] {
@@ -190,7 +170,7 @@ fn keeps_its_descriptors(deed: &str) {
     }
     let entries = ["fault", "start", "reload"].map(|kind| daemon.entries(kind).len());
     assert_eq!(entries, [0, 1, 1], "{deed}; the log:\n{}", daemon.log());
-    goes_on(&mut daemon, deed);
+    the_other_goes_on(&mut daemon);
 }
 
 #[test]

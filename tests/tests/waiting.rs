@@ -13,7 +13,7 @@ fn sleeper(milliseconds: u64, rules: &str, others: &[String]) -> Profiles {
     let mut slots = vec![slot("sleeper", "Sleeper", &inside)];
     slots.extend_from_slice(others);
     let profiles = Profiles::new(&application(&slots, &[]));
-    profiles.write("system.xml", "<system_profile><name>s</name><executor name=\"main\"/></system_profile>");
+    profiles.executors(&["main"]);
     profiles
 }
 

@@ -51,8 +51,8 @@ pub fn fiber(samples: usize) -> (Samples, Samples) {
     )
 }
 
-/// Nanoseconds a callback of a component that does nothing: as executors enter those that may not wait, and by its shim alone. Both read the clock
-/// once, for the callback is told the time.
+/// Nanoseconds a callback of a component that does nothing: as executors enter those that may not wait, and by its shim
+/// alone. Both read the clock once, for the callback is told the time.
 ///
 /// # Panics
 /// When the plugin of the basic components is not there.

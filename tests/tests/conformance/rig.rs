@@ -32,8 +32,7 @@ impl Transport {
 
 /// The system profile with the executors of both sides.
 pub(crate) fn declare_executors(profiles: &Profiles) {
-    let executors: String = ["main", "left", "right"].map(|name| format!("<executor name=\"{name}\"/>")).concat();
-    profiles.write("system.xml", &format!("<system_profile><name>s</name>{executors}</system_profile>"));
+    profiles.executors(&["main", "left", "right"]);
 }
 
 /// A daemon in which a component is in the middle of a wait for what does not come.

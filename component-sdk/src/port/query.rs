@@ -423,7 +423,8 @@ impl<'a, R: CommObject, A: CommObject> Query<'a, R, A> {
         self.token().refuse(status)
     }
 
-    /// Keeps the query, to be answered from a later callback.
+    /// Keeps the query, to be answered from a later callback. Until then it is one of those that its client's `<pending>` allows,
+    /// also where the client has given it up: one that is kept for ever takes that place for ever.
     #[must_use]
     pub fn keep(mut self) -> Pending<R, A> {
         self.token()

@@ -47,8 +47,9 @@ pub use calls::Asked;
 pub struct Bench<C> {
     component: C,
     decl: ClassDecl,
-    // A handle is a port's address: the slice does not move with the bench.
-    ports: Box<[RefCell<BenchPort>]>,
+    // A handle is a port's address: there are never more, and they do not move with the bench. Not boxed: who moves a box says
+    // that nobody else has its address.
+    ports: Vec<RefCell<BenchPort>>,
     now_ns: u64,
 }
 
@@ -120,7 +121,7 @@ impl<C: Callbacks> Bench<C> {
                     .map_or(p.default, |(_, text)| RStr::from_str(text))
             })
             .collect();
-        let ports: Box<[_]> = decl.ports.iter().map(|port| RefCell::new(BenchPort::new(port))).collect();
+        let ports: Vec<_> = decl.ports.iter().map(|port| RefCell::new(BenchPort::new(port))).collect();
         let handles: Vec<_> = ports.iter().map(|port| PortHandle(std::ptr::from_ref(port).cast())).collect();
         let args = CreateArgs { ports: RSlice::from_slice(&handles), properties: RSlice::from_slice(&texts) };
         let component = C::build(&mut Builder::new(&args, decl.properties.as_slice()))?;
@@ -337,8 +338,8 @@ extern "C" fn nothing() {}
 
 /// The port behind a handle of the bench; `None`: a closed one, of which the port was taken.
 fn port<'a>(handle: PortHandle) -> Option<&'a RefCell<BenchPort>> {
-    // SAFETY: the bench gives out handles of its own boxed ports only and owns them longer than the component; both
-    // live on one thread.
+    // SAFETY: the bench gives out handles of its own ports only and owns them longer than the component; both live on
+    // one thread.
     unsafe { handle.0.cast::<RefCell<BenchPort>>().as_ref() }
 }
 

@@ -93,7 +93,8 @@ pub struct Binding {
     claim: Claim,
     // What the place leads to; freed with the binding, unless somebody is inside.
     end: Option<PortEnd>,
-    scratch: Option<Box<Block>>,
+    // Shared as the ends are: who moves a box says that nobody else has its address.
+    scratch: Option<Arc<Block>>,
 }
 
 impl Binding {
@@ -105,7 +106,7 @@ impl Binding {
         let (address, kind, scratch) = match &end {
             PortEnd::In(port) => (Arc::as_ptr(port).cast::<()>(), Kind::RestingIn, None),
             PortEnd::Out(port) | PortEnd::EventOut(port) => {
-                (Arc::as_ptr(port).cast(), Kind::RestingOut, Some(Box::new(Block::new(port.object))))
+                (Arc::as_ptr(port).cast(), Kind::RestingOut, Some(Arc::new(Block::new(port.object))))
             }
             PortEnd::Requestor(port) => (Arc::as_ptr(port).cast(), Kind::RestingCalls, None),
             PortEnd::Provider(port) => (Arc::as_ptr(port).cast(), Kind::RestingCalls, None),
@@ -113,7 +114,7 @@ impl Binding {
             PortEnd::EventServer(port) => (Arc::as_ptr(port).cast(), Kind::RestingCalls, None),
             PortEnd::EventIn(port) => (Arc::as_ptr(&port.port).cast(), Kind::RestingIn, None),
         };
-        let lent = scratch.as_deref().map_or(std::ptr::null(), std::ptr::from_ref);
+        let lent = scratch.as_ref().map_or(std::ptr::null(), Arc::as_ptr);
         place.owner.store(owner, Ordering::Relaxed);
         place.instance.store(owner, Ordering::Relaxed);
         place.port.store(address.cast_mut(), Ordering::Relaxed);
